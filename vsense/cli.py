@@ -14,6 +14,7 @@ from contextlib import suppress
 from typing import NoReturn
 
 from vsense.base.errors import VsenseError
+from vsense.base.processes import ForkedProcess
 from vsense.base.terminal import print_data, printable_lines
 
 COMPLETING = "_ARGCOMPLETE"
@@ -33,6 +34,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for number in (signal.SIGTERM, signal.SIGHUP):
             if signal.getsignal(number) == signal.SIG_DFL:  # `nohup` has SIGHUP ignored
                 signal.signal(number, leave)
+        if sys.argv[1:2] == ["sim"]:
+            ForkedProcess.allow()
     try:
         return _run(list(sys.argv[1:] if arguments is None else arguments))
     except VsenseError as error:

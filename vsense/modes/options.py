@@ -17,7 +17,7 @@ from vsense.config.placement import settle
 from vsense.config.roster import SPARE
 from vsense.config.specs import Experiment, Stage
 from vsense.robots.sources import CodeOptions
-from vsense.run import asked, directory
+from vsense.run import directory
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +66,8 @@ class ExperimentOptions:
         if self.strict:
             experiment.refuse_warnings()
         if not self.lenient:
+            from vsense.run import asked  # what is only described is not tried
+
             asked.check(experiment)
         return experiment
 

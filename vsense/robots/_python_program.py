@@ -9,13 +9,11 @@ from __future__ import annotations
 import inspect
 import os
 from collections.abc import Mapping, Sequence
-from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
-from cffi import FFI
 
 from vsense.base.errors import VsenseError, likely
 from vsense.base.users_code import UsersCode
@@ -26,8 +24,7 @@ from vsense.robots.inprocess import (
     ControllerFailure,
     ProgramKernel,
     SimError,
-    cut_declarations,
-    declarations,
+    functions,
 )
 from vsense.robots.link.table import Direction, Table
 from vsense.robots.link.wire import Wanted
@@ -41,23 +38,14 @@ _METHODS = {"__init__": 2, "step": 2, "end": 1}
 """What they have, and how many arguments each takes, with itself."""
 _HOOKS = ("populate", "reset", "pre_step", "post_step", "end")
 """By which a file of loop functions is known."""
-_HOST = "stand_still"
-"""The controller in C that leaves alone what its host has set."""
+_HOST, _PART = "stand_still", "hosted"
+"""The controller in C that leaves alone what its host sets, and the header of how it does."""
 
 
 def build_program(program: ProgramSources) -> Path:
     """Gives the file to be opened, when what it needs is built; raises as `build.shared`."""
     build.shared(_HOST)
     return program.sources[0]
-
-
-@cache
-def _hosted() -> FFI:
-    """The declarations of `robot/hosted.h`."""
-    ffi = FFI()
-    ffi.include(declarations())
-    ffi.cdef(cut_declarations("hosted.h"))
-    return ffi
 
 
 class PythonProgram(CompiledProgram):
@@ -83,14 +71,14 @@ class PythonProgram(CompiledProgram):
             SimError: it cannot be read, fails, or has no class that controls robots.
         """
         progress = bytearray(PROGRESS_BYTES) if progress is None else progress
+        built = build.shared(_HOST)
         self._name, self._failures = library.stem, dict[int, str]()
-        super().__init__(build.shared(_HOST), tags, table, timestep_ns, seed, params, progress)
+        super().__init__(built, tags, table, timestep_ns, seed, params, progress)
         self._code = UsersCode(library, _located)
         self._class, self._is_for_all = _class_of(self._code, self._code.load(_module(library)))
         self._notes = np.frombuffer(progress, dtype=np.uint32)
         counts = _counts(table, Direction.SENSOR), _counts(table, Direction.ACTUATOR)
-        hosted: Any = _hosted().dlopen(str(build.shared(_HOST)))
-        runtime = HostedRobots(_hosted(), hosted, self._all, len(self.tags))
+        runtime = HostedRobots(functions(built, _PART), self._all, len(self.tags))
         self._swarm = Swarm(runtime, self.tags, timestep_ns * 1e-9, *counts)
         self._controllers: list[Any] | None = None
         self._views = [self._swarm] if self._is_for_all else self._robots()

@@ -26,7 +26,7 @@ from vsense.robots._argos_code import (
     TOGETHER,
     controller_uses,
 )
-from vsense.robots._cache import cache_directory
+from vsense.robots._cache import cache_directory, known
 from vsense.robots.compiling import (
     CFLAGS,
     CXX_LIBRARIES,
@@ -39,7 +39,7 @@ from vsense.robots.compiling import (
 )
 from vsense.robots.sources import ProgramSources, source_roots
 
-__all__ = ["BuildError", "SourceTree", "cache_directory", "daemon", "shared"]
+__all__ = ["BuildError", "SourceTree", "cache_directory", "daemon", "known", "shared"]
 
 SHARED_FLAGS = ("-fPIC", "-shared", "-fvisibility=hidden", "-ffp-contract=off", "-Wl,-z,defs")
 """For the shared object that simulations load. What a controller calls its own stays its own; and
@@ -323,12 +323,13 @@ def _fingerprint(tree: SourceTree, program: ProgramSources, sources: Sources | N
     flags = f"{CFLAGS}{SHARED_FLAGS}{CXXFLAGS}{own_cxxflags()}{CXX_LIBRARIES}"
     flags += f"{compiler.cxx}{compiler.debug}"
     sources = sources or tree.daemon(program)
-    versions = compiler.version() + (compiler.for_cxx().version() if sources.is_cxx else "")
+    versions = _cache.version(compiler)
+    versions += _cache.version(compiler.for_cxx()) if sources.is_cxx else ""
     digest = hashlib.sha256(f"{list(compiler.command)}{versions}{flags}".encode())
     argos = tree.argos_headers() if program.is_argos else []
     if program.is_argos:
         digest.update(f"{FLAGS}{STANDARD}{program}".encode())
-    own = [*sources.dependencies(compiler), *tree.lab_sources()]
+    own = [*_cache.dependencies(sources, compiler), *tree.lab_sources()]
     for path in (*sources.own, *sources.own_cxx, *tree.headers(), *argos, *own):
         digest.update(os.fsencode(path.name) + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()[:24]

@@ -11,7 +11,6 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Collection, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -214,6 +213,8 @@ class Sources:
             if source in self.program.sources and self.what == "controller":
                 self._check_cxx(target, source)
             return str(target if cached is None else _keep(target, cached))
+
+        from concurrent.futures import ThreadPoolExecutor  # only what is built waits for it
 
         files = list(enumerate((*self.program.sources, *self.own_cxx)))
         with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as workers:

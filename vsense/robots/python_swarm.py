@@ -32,6 +32,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vsense.base.native import ffi
+
 Floats = NDArray[np.float64]
 Rows = NDArray[np.bool_]
 
@@ -60,8 +62,8 @@ _MOST_STEPS_S = 32767.0
 class HostedRobots:
     """The robots of a controller as C has them (`robot/hosted.h`)."""
 
-    def __init__(self, ffi: Any, lib: Any, robots: Any, count: int) -> None:
-        self._ffi, self._lib, self._robots = ffi, lib, robots
+    def __init__(self, lib: Any, robots: Any, count: int) -> None:
+        self._lib, self._robots = lib, robots
         self.count = count
 
     def call(self, function: str, *arguments: Any) -> Any:
@@ -71,20 +73,20 @@ class HostedRobots:
 
     def walks(self) -> Any:
         """Memory for the walks of all robots."""
-        return self._ffi.new("double[]", -(-self.call("walk_bytes") // 8))
+        return ffi.new("double[]", -(-self.call("walk_bytes") // 8))
 
     def text(self, robot: int, name: str) -> str | None:
         """A parameter; None: the experiment does not have it."""
-        room = self._ffi.new("char[]", MAX_TEXT_BYTES + 1)
+        room = ffi.new("char[]", MAX_TEXT_BYTES + 1)
         size = len(room)
         if self.call("param_text", robot, name, room, size) < 0:
             return None
-        text: bytes = self._ffi.string(room)
+        text: bytes = ffi.string(room)
         return text.decode(errors="replace")
 
     def _given(self, value: Any) -> Any:
         if isinstance(value, np.ndarray):
-            return self._ffi.from_buffer(f"{_C_TYPES[value.dtype.char]} *", value)
+            return ffi.from_buffer(f"{_C_TYPES[value.dtype.char]} *", value)
         if isinstance(value, str):
             return value.encode()
         return value

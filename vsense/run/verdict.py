@@ -29,7 +29,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from vsense.run.robots import shorten
+from vsense.base.terminal import shorten
 
 VALID, VOID = "valid", "void"
 FAILED = "failed in mid-run"

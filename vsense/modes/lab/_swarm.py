@@ -21,6 +21,7 @@ from vsense.base.clock import pace
 from vsense.base.processes import describe_exit, end
 from vsense.base.shared import LabError
 from vsense.config.specs import Experiment
+from vsense.modes.lab._metrics import UNKNOWN_AGE
 from vsense.modes.lab.hardware import EmulatedRadio
 from vsense.robots import build
 from vsense.robots.crashes import words_of_log
@@ -236,8 +237,6 @@ virtual sensor, `value` that of the judged one, `capture_ns` when it was measure
 where none is judged); `age_ns` (-1: unknown) and `stale` are the controller's. `left` and `right`
 are the commanded wheel speeds [steps/s].
 """
-
-UNKNOWN_AGE = -1
 
 
 def daemons_of(experiment: Experiment) -> dict[str, Path]:

@@ -29,11 +29,10 @@ import signal
 import sys
 import time
 import traceback
-from contextlib import suppress
+from contextlib import redirect_stdout, suppress
 from dataclasses import replace
-from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from vsense.base.errors import VsenseError
 from vsense.base.processes import read_line
@@ -48,6 +47,9 @@ from vsense.modes.sim.job import Job, Setup
 from vsense.robots.crashes import CrashNote
 from vsense.robots.inprocess import declarations
 from vsense.run.programs import RUN_PROGRESS_BYTES, shared_objects
+
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
 
 EVENTS_TOLD = 20
 """Of what controllers log so many lines come with the result; events.csv has them all."""
@@ -218,17 +220,8 @@ class Worker:
             os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
             os.close(self._answers)
             self._crash.watch()
-            try:
-                job = settled(job)
-                experiment = self._experiment or job.setup.load()
-                shares = not UsersCode.ran
-                result = simulate(job, experiment, self._progress, self._page)
-                answer: dict[str, Any] = {"result": result, "shares": shares}
-            except NotHere as error:
-                answer = {"refused": str(error)}
-            except VsenseError as error:
-                answer = {"error": str(error), "exit_code": error.exit_code}
-            data = json.dumps(answer).encode()
+            with redirect_stdout(sys.stderr):  # which keeps nothing back
+                data = json.dumps(self._answer_to(job)).encode()
             while data:
                 data = data[os.write(target, data) :]
             code = 0
@@ -236,6 +229,18 @@ class Worker:
             traceback.print_exc()
         finally:
             os._exit(code)
+
+    def _answer_to(self, job: Job) -> dict[str, Any]:
+        try:
+            job = settled(job)
+            experiment = self._experiment or job.setup.load()
+            shares = not UsersCode.ran
+            result = simulate(job, experiment, self._progress, self._page)
+        except NotHere as error:
+            return {"refused": str(error)}
+        except VsenseError as error:
+            return {"error": str(error), "exit_code": error.exit_code}
+        return {"result": result, "shares": shares}
 
 
 def _die_with_parent(alive: int) -> None:
@@ -262,9 +267,9 @@ def _listen(source: int, pid: int) -> bytes | None:
         answer += part
 
 
-def main() -> int:
-    """Runs the process; see the module."""
-    progress = mmap.mmap(int(sys.argv[1]), RUN_PROGRESS_BYTES)
+def run(progress: int, page: int | None = None) -> int:
+    """Does the process's work; the descriptors are those of the module's arguments."""
+    memory = mmap.mmap(progress, RUN_PROGRESS_BYTES)
     answers = os.dup(1)
     os.dup2(2, 1)
     try:
@@ -273,10 +278,14 @@ def main() -> int:
     except VsenseError as error:
         Console().say(f"vsense sim: {error}")
         return error.exit_code
-    page = Connection(int(sys.argv[2])) if len(sys.argv) > 2 else None
-    Worker(progress, answers, page).work()
+    watcher = None
+    if page is not None:
+        from multiprocessing.connection import Connection
+
+        watcher = Connection(page)
+    Worker(memory, answers, watcher).work()
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run(*map(int, sys.argv[1:])))

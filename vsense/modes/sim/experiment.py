@@ -14,11 +14,10 @@ from vsense.config.placement import settle
 from vsense.config.specs import Experiment
 from vsense.modes import origin
 from vsense.modes.lab._metrics import swarm_rows
-from vsense.modes.options import ExperimentOptions, choose_seed, say_warnings
-from vsense.modes.sim.job import Job, Setup
+from vsense.modes.options import choose_seed, say_warnings
+from vsense.modes.sim.job import Job, Setup, SimOptions, setup_of
 from vsense.modes.sim.outcome import Task, libraries_of, record_of
 from vsense.modes.sim.watch import Show, WorkerProcess, simulate_all
-from vsense.monitor import recording
 from vsense.monitor.recording import MCAP, size_line
 from vsense.run import directory as run_directory
 from vsense.run.directory import LOGGED, TRAJECTORY
@@ -28,47 +27,6 @@ from vsense.run.verdict import VoidCriteria, exit_code, judge, table_rows
 if TYPE_CHECKING:
     from vsense.modes.sim._room import SimRoom
     from vsense.modes.sim._watched import WatchedRuns
-    from vsense.monitor.ui.access import FoxgloveAddress, WebAddress
-    from vsense.monitor.ui.room import RoomOptions
-
-
-@dataclass(frozen=True, slots=True)
-class SimOptions:
-    """How an experiment is simulated.
-
-    Attributes:
-        experiment: which, and how it is read.
-        web: where a page shows the run; None: nowhere.
-        foxglove: where Foxglove does, too.
-        speed: times real time, at which a page's run begins; None: 1.
-        hold: it begins paused.
-        locked: nobody may change the world on the page.
-        record: every run has a recording.
-        json: the figures are printed on standard output.
-    """
-
-    experiment: ExperimentOptions
-    web: WebAddress | None = None
-    foxglove: FoxgloveAddress | None = None
-    speed: float | None = None
-    hold: bool = False
-    locked: bool = False
-    record: bool = False
-    json: bool = False
-
-    @property
-    def room(self) -> RoomOptions:
-        """How a page shows it."""
-        from vsense.monitor.ui.room import RoomOptions  # a run without a page begins sooner
-
-        return RoomOptions(self.web, self.foxglove, hold=self.hold, locked=self.locked)
-
-    def check(self) -> None:
-        """Raises UsageError where something is missing that the run needs."""
-        if self.record:
-            recording.require()
-        if self.web is not None:
-            self.room.check()
 
 
 def run(options: SimOptions) -> int:
@@ -93,19 +51,6 @@ def run(options: SimOptions) -> int:
         except Interrupted:
             console.end_progress()
             return interrupted.code
-
-
-def setup_of(options: ExperimentOptions) -> Setup:
-    """What runs of an experiment are made from."""
-    return Setup(
-        options.experiment,
-        options.duration,
-        options.robots,
-        options.blind,
-        options.settings,
-        options.code,
-        options.casting,
-    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,8 +19,7 @@ from vsense.modes import origin
 from vsense.modes.options import ExperimentOptions, say_warnings
 from vsense.modes.sim import fingerprint
 from vsense.modes.sim.engine import Engine
-from vsense.modes.sim.experiment import setup_of
-from vsense.modes.sim.job import Job, Setup, Sweep
+from vsense.modes.sim.job import Job, Setup, Sweep, setup_of
 from vsense.modes.sim.outcome import Task, libraries_of
 from vsense.monitor.recording import MCAP
 from vsense.run import asked
