@@ -32,6 +32,7 @@ from vsense.robots.compiling import (
     CXX_LIBRARIES,
     CXXFLAGS,
     PROGRAM_SUFFIXES,
+    PYTHON,
     BuildError,
     Sources,
     native,
@@ -194,7 +195,8 @@ class SourceTree:
         path = (beside or Path()) / name
         if path.suffix in PROGRAM_SUFFIXES and path.is_file():
             return path.resolve()
-        names = (p.name for p in path.parent.glob("*") if p.suffix in PROGRAM_SUFFIXES)
+        kinds = [path.suffix] if path.suffix == PYTHON else PROGRAM_SUFFIXES[:-1]
+        names = (p.name for p in path.parent.glob("*") if p.suffix in kinds)
         beside_it = [str(Path(name).with_name(file)) for file in names] if path.suffix else []
         raise UsageError(
             f"no controller {name!r}: expected the path of a .c, .cpp or .py file, or a shipped"
