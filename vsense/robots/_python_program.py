@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from vsense.base.errors import VsenseError, likely
+from vsense.base.native import ffi, lib
 from vsense.base.users_code import UsersCode
 from vsense.robots import build
 from vsense.robots.inprocess import (
@@ -24,6 +25,7 @@ from vsense.robots.inprocess import (
     ControllerFailure,
     ProgramKernel,
     SimError,
+    declarations,
     functions,
 )
 from vsense.robots.link.table import Direction, Table
@@ -81,6 +83,8 @@ class PythonProgram(CompiledProgram):
         runtime = HostedRobots(functions(built, _PART), self._all, len(self.tags))
         self._swarm = Swarm(runtime, self.tags, timestep_ns * 1e-9, *counts)
         self._controllers: list[Any] | None = None
+        self._raised: BaseException | None = None
+        self._step_of_c = ffi.callback(declarations()["vs_inprocess_step"], self._step_for_c)
         self._views = [self._swarm] if self._is_for_all else self._robots()
 
     def _robots(self) -> list[Any]:
@@ -149,9 +153,24 @@ class PythonProgram(CompiledProgram):
         """By tag why a controller has failed, whose robot stands since then."""
         return {self.tags[row]: words for row, words in self._failures.items()}
 
-    def kernel(self) -> ProgramKernel | None:
-        """Python decides in every timestep."""
-        return None
+    def kernel(self) -> ProgramKernel:
+        """See `CompiledProgram.kernel`: C asks this process what to do in every timestep."""
+        return super().kernel()._replace(step=int(ffi.cast("uintptr_t", self._step_of_c)))
+
+    def _step_for_c(self, robots: Any, now: Any) -> int:
+        """A control step that C asks for; what it raises waits for `check`."""
+        try:
+            self.decide(Wanted.RUN)
+            return int(self._lib.vs_inprocess_step(robots, now))
+        except BaseException as error:
+            self._raised = error
+            return int(lib.VS_ERR_STATE)
+
+    def check(self) -> None:
+        """See `Program.check`."""
+        if self._raised is not None:
+            raise self._raised
+        super().check()
 
     def end(self) -> None:
         """See `Program.end`."""
