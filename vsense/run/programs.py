@@ -18,7 +18,7 @@ from vsense.robots.compiling import BuildError, native
 from vsense.robots.inprocess import ControllerFailure, SimError
 from vsense.robots.link.table import Table, ToldProgram
 from vsense.robots.link.wire import ShownData, Wanted
-from vsense.robots.program import Program, kind_of
+from vsense.robots.program import Program, ProgramOpener, kind_of
 
 RUN_PROGRESS_BYTES = inprocess.PROGRESS_BYTES + 4
 """Those of `Program`, and which of the experiment's controllers it is: a u32."""
@@ -116,6 +116,7 @@ class Programs:
         tables: Mapping[str, Table],
         seed: int,
         progress: Any = None,
+        opener: ProgramOpener | None = None,
     ) -> None:
         """Loads the programs and greets every robot.
 
@@ -125,6 +126,7 @@ class Programs:
             tables: sensor tables by the controller's id.
             seed: of the run.
             progress: `RUN_PROGRESS_BYTES` of writable memory, None: not wanted.
+            opener: opens what controls robots in place of their programs; None: nothing does.
 
         Raises:
             SimError: a shared object cannot be loaded, or its controller cannot be run.
@@ -144,7 +146,8 @@ class Programs:
                 self._present[0] = number
                 tags = [tag for tag, name in controllers.items() if name == spec.id]
                 params = {tag: spec.params_for(names[tag]) for tag in tags}
-                open_program, step_ns = kind_of(spec.program).open, experiment.timestep_ns
+                open_program = opener or kind_of(spec.program).open
+                step_ns = experiment.timestep_ns
                 given = libraries[spec.id], tags, tables[spec.id], step_ns, seed, params
                 with loading(note, number):
                     self._parts.append((number, rows, open_program(*given, own)))
