@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from vsense.monitor.recording.reader import open_recording
     from vsense.robots.python_robot import Robot
     from vsense.robots.python_swarm import Leds, Swarm
-    from vsense.studies.learning import parallel_env
-    from vsense.studies.notebook import LoadedExperiment, RunTable, SimulatedRun
+    from vsense.studies.notebook import LoadedExperiment, RunTable, SimulatedRun, parallel_env
     from vsense.studies.notebook import load_experiment as load
     from vsense.studies.report.report import make_report
     from vsense.studies.series.campaign import Campaign
@@ -66,7 +65,7 @@ PLACES = {
     "load": "vsense.studies.notebook:load_experiment",
     "make_report": "vsense.studies.report.report",
     "open_recording": "vsense.monitor.recording.reader",
-    "parallel_env": "vsense.studies.learning",
+    "parallel_env": "vsense.studies.notebook",
     "read_truth": "vsense.modes.lab.truth",
     "run_campaign": "vsense.studies.series.campaign:run",
 }

@@ -16,7 +16,7 @@ import vsense
 from tests.rigs.places import DATA
 from vsense import SteppedSimulation, cli
 from vsense.base.errors import UsageError
-from vsense.studies.learning import parallel_env
+from vsense.studies.notebook import parallel_env
 
 STEPS_PER_CM = 77.64
 """Of an e-puck's wheel. Source: robot/controller.h."""

@@ -66,7 +66,7 @@ def test_changing_makes_another_one() -> None:
     params = more.experiment.controllers[0].params
     assert (params["pull"], params["trail"], more.experiment.length_s) == ("0.2", "1", 10.0)
     assert first.experiment.controllers[0].params["pull"] == "0.05"
-    assert "foraging" in str(first) and first.name == "foraging"
+    assert "foraging" in str(first) and first.experiment.name == "foraging"
 
 
 def test_a_campaign_is_a_table_that_goes_on(capsys: pytest.CaptureFixture[str]) -> None:

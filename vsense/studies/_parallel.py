@@ -1,4 +1,8 @@
-"""The environment of `vsense.studies.learning`, which needs PettingZoo."""
+"""An experiment as a parallel environment of PettingZoo: `vsense.parallel_env`.
+
+An agent is a robot, `robot_31`. It observes what its controller would read, and a step is a control
+step. The environment is the simulation of `vsense sim`, without the experiment's controller.
+"""
 
 from __future__ import annotations
 
