@@ -312,6 +312,8 @@ def aligned(rows: Sequence[Sequence[str]], left: int | None = None) -> list[str]
 
 _UNITS = ("m", "s", "rad", "deg")
 """In which names of measures end."""
+_RENAMED = {"lit_in_cone": "LEDs on in cone"}
+"""Measures that have the names of older recordings."""
 
 
 MAX_LISTED_NAMES = 6
@@ -327,6 +329,7 @@ def shorten(names: Iterable[str]) -> str:
 
 def spoken(name: str) -> str:
     """A measure's name for people; names end in their unit."""
+    name = _RENAMED.get(name, name)
     words, _, unit = name.rpartition("_")
     if words and unit in _UNITS:
         return f"{words.replace('_', ' ')} [{unit}]"

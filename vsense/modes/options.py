@@ -72,9 +72,15 @@ class ExperimentOptions:
         return experiment
 
     def described(self, in_json: bool) -> Iterator[str]:
-        """What the experiment holds, for people or as JSON; then raises as `load` if `strict`."""
+        """What the experiment holds, for people or as JSON; then raises as its run would.
+
+        Raises:
+            UsageError: as `prepare`.
+            ConfigError: as `prepare`; or as `load` if `strict`.
+        """
         experiment = first_robots(self._read(), self.robots)
         yield json.dumps(as_json(experiment), indent=2) if in_json else describe(experiment)
+        settle(experiment, choose_seed(self.seed, experiment), self.stage is not Stage.RUN)
         if self.strict:
             experiment.refuse_warnings()
 

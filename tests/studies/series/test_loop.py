@@ -107,6 +107,10 @@ def test_void_runs_are_kept_named_and_repeated(plan: SeriesPlan) -> None:
     assert f"is invalid: {why}" in said and (loop.end_reason, loop.valid) == ("", 2)
     assert loop.facts()["void"] == [{"run": "run-001", "why": why}]
     assert carried_out(plan)[1] == [], "all is done"
+    lines = [line.split() for line in loop.table()]
+    assert lines[1:] == [["a", "food", "1", "3", "3", "to", "3"], ["b", *lines[1][1:]]]
+    facts = loop.facts()["conditions"][0]
+    assert (facts["condition"], facts["measures"]["food"]["median"]) == ("a", 3.0)
 
 
 def test_too_many_void_runs_end_it_with_every_why(plan: SeriesPlan) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -129,6 +130,39 @@ def test_a_camera_that_delivers_twice_counts_once() -> None:
     arena = tracker([(1, 0.5, 0.5, 0.0)])
     state = arena.update(frames(0, 1) + frames(0, 1, "d"))
     assert state.duplicates == () and arena.counters.repeated_frames == 1
+
+
+HOUR_NS = 3600 * 10**9
+
+
+@pytest.mark.parametrize("off_ns", [HOUR_NS, -HOUR_NS])
+@pytest.mark.parametrize("names", ["abcd", "ad"])
+def test_a_camera_with_a_wrong_clock_costs_itself_and_nobody_else(off_ns: int, names: str) -> None:
+    """Robot 1 is seen by `a` to `c`, robot 2 by `d`, whose clock jumps and comes back."""
+    arena = tracker([(1, 0.0, 0.0, 0.0), (2, 0.5, 0.5, 0.0)])
+    seen, ages_s = [], []
+    for timestep in range(12):
+        off = off_ns if 3 <= timestep < 10 else 0
+        now = [replace(f, capture_ns=f.capture_ns + off * (f.camera == "d")) for f in
+               frames(0, timestep, names if timestep != 6 else "d")]  # fmt: skip
+        state = arena.update(now)
+        seen.append(state.robots["tag"][state.robots["seen"]].tolist())
+        ages_s.append(state.robots["age_ns"].max() / 1e9)
+    assert seen == [[1, 2]] * 3 + [[1]] * 7 + [[1, 2]] * 2
+    assert max(ages_s) < 1.0 and arena.counters.untimely_frames == 7
+    assert arena.counters.notes() == ["7 pictures dated far beside the others' were dropped"]
+
+
+def test_a_camera_with_a_wrong_clock_is_believed_where_it_is_the_only_one_for_long() -> None:
+    arena = tracker([(1, 0.0, 0.0, 0.0), (2, 0.5, 0.5, 0.0)])
+    arena.update(frames(0, 0))
+    late = lambda step, names: [  # noqa: E731
+        replace(f, capture_ns=f.capture_ns + HOUR_NS * (f.camera == "d"))
+        for f in frames(0, step, names)
+    ]
+    arena.update(late(1, "abcd"))
+    tags = [arena.update(late(step, "d")).robots["tag"].tolist() for step in range(2, 14)]
+    assert tags == [[1, 2]] * 9 + [[2]] * 3
 
 
 def test_iridia_defect_12_a_lost_robot_says_so_ages_and_goes() -> None:

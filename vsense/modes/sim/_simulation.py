@@ -111,7 +111,7 @@ class Simulation:
         self._robots = host.robots or host.opened(self.environment.tables)
         self._driven, self._leds = self._robots.wheels_steps_s.copy(), self._robots.leds.copy()
         self._reports, self._events = dict[int, bytes](), list[_Event]()
-        self._names, self._now_ns = {r.tag: r.id for r in experiment.robots}, EPOCH_NS
+        self._now_ns = EPOCH_NS
         self._version, self._standing = -1, _standing(experiment.boxes, experiment.cylinders)
         self._follow()
 
@@ -322,7 +322,7 @@ class Simulation:
         for tag, values in self._robots.shown():
             self.record.note_shown(run_timestep, tag, values)
         for tag, text in self._robots.logged():
-            self.record.note_event(run_timestep, f"robot {tag} ({self._names[tag]}): {text}")
+            self.record.note_event(run_timestep, f"robot {tag}: {text}")
         for tag, text in self.environment.logged():
             self.record.note_event(run_timestep, f"virtual robot {tag}: {text}")
 

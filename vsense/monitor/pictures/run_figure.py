@@ -22,7 +22,7 @@ from vsense.config.specs import Experiment
 from vsense.monitor.pictures import _arena_view
 from vsense.monitor.pictures._arena_view import VIEW_PX
 from vsense.monitor.pictures._camera_view import CameraPanels
-from vsense.monitor.pictures._scene import CONE, DARK, LIT, ArenaMoment
+from vsense.monitor.pictures._scene import CONE, DARK, ArenaMoment
 from vsense.monitor.pictures._stitch import Shade, TopView
 from vsense.monitor.pictures._world_snapshot import WorldSnapshot
 from vsense.monitor.pictures.run_samples import RunSamples
@@ -105,7 +105,7 @@ def draw(run: RunFigure, heading: str, subtitle: str) -> Image:
         left = MARGIN + (VIEW_PX + MARGIN) * index
         canvas.place(panel, left, TITLE_PX)
         canvas.text(scene.title, left, TITLE_PX + height + 28, INK, 0.6)
-        canvas.text(scene.note, left, TITLE_PX + height + 52, LIT, 0.52)
+        canvas.text(scene.note, left, TITLE_PX + height + 52, MUTED, 0.52)
         if grid is not None:
             canvas.place(grid, left, grids_top)
     room = (width - MARGIN) / max(len(curves), 1)
@@ -187,7 +187,7 @@ def charts(run: RunFigure) -> list[Chart]:
         counts = run.inside.sum(axis=1), (run.inside & run.lit).sum(axis=1)
         series = [
             ChartSeries(name, values.astype(np.float64), colour)
-            for name, values, colour in zip(("in the cone", "LEDs on"), counts, (CONE, LIT))
+            for name, values, colour in zip(("in cone", "LEDs on in cone"), counts, (CONE, DARK))
         ]
         turn_s = (run.turn or 0) * run.experiment.timestep_s
         marks = [] if run.turn is None else [(turn_s, "the wind turns")]

@@ -42,6 +42,8 @@ _LEAST_AREA, _MOST_AREA = 0.36, 1.76
 _LEAST_LENGTH, _MOST_LENGTH = 0.35, 1.45
 """Accepted sides of the box around an outline, as shares of its length: an arrow is 0.58 as wide as
 long, and blur makes things longer."""
+_BEYOND = 1e9
+"""Metres that a pixel takes at the horizon."""
 _LEAST_DISC_PX = 10.0
 """Of a disc that is smaller in some direction nothing can be read."""
 
@@ -375,11 +377,16 @@ def scales_of(camera: Camera, height_m: float) -> Scales:
     """Returns the scales of a plane in a camera's picture."""
     columns = np.linspace(0.0, camera.width_px - 1.0, 5)
     rows = np.linspace(0.0, camera.height_px - 1.0, 5)
-    pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 1, 2)
-    steps = np.array([(-0.5, 0.0), (0.5, 0.0), (0.0, -0.5), (0.0, 0.5)])
-    near = camera.to_plane(pixels + steps, height_m)
-    slopes = np.stack((near[:, 1] - near[:, 0], near[:, 3] - near[:, 2]), axis=1)
-    sizes = 1.0 / np.linalg.svd(slopes, compute_uv=False)
+    sizes = sizes_at(camera, height_m, np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2))
     by_area = np.sqrt(sizes.prod(axis=1))
     extremes = by_area.min(), by_area.max(), sizes.min(), sizes.max()
     return Scales(*map(float, extremes))
+
+
+def sizes_at(camera: Camera, height_m: float, pixels: Floats) -> Floats:
+    """Returns the greatest and the least scale of a plane at (n, 2) pixels, (n, 2) [px/m]."""
+    steps = np.array([(-0.5, 0.0), (0.5, 0.0), (0.0, -0.5), (0.0, 0.5)])
+    near = camera.to_plane(pixels[:, np.newaxis] + steps, height_m)
+    slopes = np.stack((near[:, 1] - near[:, 0], near[:, 3] - near[:, 2]), axis=1)
+    slopes = np.nan_to_num(slopes, nan=_BEYOND, posinf=_BEYOND, neginf=-_BEYOND)
+    return np.asarray(1.0 / np.linalg.svd(slopes, compute_uv=False)[:, ::-1])
