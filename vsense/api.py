@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from vsense.modes.sim.engine import Engine
     from vsense.modes.sim.job import Setup, Sweep
     from vsense.monitor.recording.reader import open_recording
+    from vsense.robots.python_robot import Robot
+    from vsense.robots.python_swarm import Leds, Swarm
     from vsense.studies.report.report import make_report
     from vsense.studies.series.campaign import Campaign
     from vsense.studies.series.campaign import run as run_campaign
@@ -37,11 +39,14 @@ PLACES = {
     "Element": "vsense.base.xml.element",
     "Engine": "vsense.modes.sim.engine",
     "Floor": "vsense.world.fields",
+    "Leds": "vsense.robots.python_swarm",
     "Light": "vsense.world.entities",
+    "Robot": "vsense.robots.python_robot",
     "Robots": "vsense.world.sensors.base",
     "Scale": "vsense.world.sensors.quality",
     "Scope": "vsense.world.sensors.base",
     "Setup": "vsense.modes.sim.job",
+    "Swarm": "vsense.robots.python_swarm",
     "Sweep": "vsense.modes.sim.job",
     "VirtualActuator": "vsense.world.actuators.base",
     "VirtualRobot": "vsense.world.entities",
@@ -66,11 +71,14 @@ __all__ = [
     "Element",
     "Engine",
     "Floor",
+    "Leds",
     "Light",
+    "Robot",
     "Robots",
     "Scale",
     "Scope",
     "Setup",
+    "Swarm",
     "Sweep",
     "VirtualActuator",
     "VirtualRobot",

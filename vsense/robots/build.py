@@ -32,6 +32,7 @@ from vsense.robots.compiling import (
     CXX_LIBRARIES,
     CXXFLAGS,
     PROGRAM_SUFFIXES,
+    PYTHON,
     BuildError,
     Sources,
     native,
@@ -76,7 +77,7 @@ SYSTEM_PARTS = (
 )
 """What of `robot/` only a daemon needs: processes, files, network, and the base."""
 
-SIMULATION_PART = "inprocess"
+SIMULATION_PARTS = ("hosted", "inprocess")
 """What of `robot/` only a simulation needs."""
 
 FAST_PARTS = (
@@ -87,6 +88,8 @@ FAST_PARTS = (
 """What a control step runs through, of most instructions. All else is compiled to small code."""
 
 SHIPPED_CONTROLLER = "pollutant"
+
+PYTHON_PAGE = "vsense/EXTENDING.md, 'A controller in Python'"
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +106,7 @@ class SourceTree:
     def daemon_sources(self) -> list[Path]:
         """All C files of the daemon but its controller, in a fixed order."""
         folders = (sorted((self.root / folder).glob("*.c")) for folder in ("c_src", "robot"))
-        return [p for files in folders for p in files if p.stem != SIMULATION_PART]
+        return [p for files in folders for p in files if p.stem not in SIMULATION_PARTS]
 
     def lab_sources(self) -> list[Path]:
         """What daemons of the lab have besides."""
@@ -132,7 +135,14 @@ class SourceTree:
         return ProgramSources((self.controller(controller, beside),))
 
     def daemon(self, program: ProgramSources, plain: bool = False) -> Sources:
-        """What a daemon with this controller is made of; `plain`: see `Sources`."""
+        """What a daemon with this controller is made of; `plain`: see `Sources`.
+
+        Raises:
+            BuildError: no robot can run it.
+        """
+        if program.is_python:
+            words = "is Python, which runs on no robot: it drives simulated and virtual robots"
+            raise BuildError(f"{program.sources[0]}: {words}; see {PYTHON_PAGE}")
         memory = sorted((self.root / "robot").glob("*.cpp"))
         own_cxx, folder = [*memory, *self._argos(program)], _cache_for(program)
         return Sources(
@@ -185,11 +195,12 @@ class SourceTree:
         path = (beside or Path()) / name
         if path.suffix in PROGRAM_SUFFIXES and path.is_file():
             return path.resolve()
-        names = (p.name for p in path.parent.glob("*") if p.suffix in PROGRAM_SUFFIXES)
+        kinds = [path.suffix] if path.suffix == PYTHON else PROGRAM_SUFFIXES[:-1]
+        names = (p.name for p in path.parent.glob("*") if p.suffix in kinds)
         beside_it = [str(Path(name).with_name(file)) for file in names] if path.suffix else []
         raise UsageError(
-            f"no controller {name!r}: expected the path of a .c or .cpp file, or a shipped one;"
-            f" {instead(name, [*shipped, *beside_it])}"
+            f"no controller {name!r}: expected the path of a .c, .cpp or .py file, or a shipped"
+            f" one; {instead(name, [*shipped, *beside_it])}"
         )
 
 
@@ -248,8 +259,9 @@ def shared(controller: str | ProgramSources, beside: Path | None = None) -> Path
     """
     tree = source_tree()
     program = tree.program(controller, beside)
-    target = cache_directory() / _fingerprint(tree, program) / "inprocess.so"
-    return _cache.built(target, partial(_link_runtime, tree.runtime(program)))
+    sources = tree.runtime(program)
+    target = cache_directory() / _fingerprint(tree, program, sources) / "inprocess.so"
+    return _cache.built(target, partial(_link_runtime, sources))
 
 
 def are_together(controller: ProgramSources, loop: ProgramSources) -> bool:

@@ -33,7 +33,8 @@ CXXFLAGS = ("-std=c++17", *SECTIONS, *PLAIN, "-fno-threadsafe-statics")
 would more than double the daemon, and nothing on a robot has two threads."""
 
 CXX_SUFFIXES = (".cpp", ".cc", ".cxx")
-PROGRAM_SUFFIXES = (".c", *CXX_SUFFIXES)
+PYTHON = ".py"
+PROGRAM_SUFFIXES = (".c", *CXX_SUFFIXES, PYTHON)
 """Of a controller's file, in the order in which they are looked for."""
 
 LIBRARIES = ("-Wl,--gc-sections", "-Wl,--as-needed", "-lm")

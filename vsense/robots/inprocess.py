@@ -56,28 +56,29 @@ class ControllerFailure(SimError):
         self.words = words
 
 
-_PROTOTYPE = re.compile(r"^(\w[\w ]*\**)(vs_inprocess_\w+)(\([^;]*\));", re.MULTILINE)
+_PROTOTYPE = re.compile(r"^(\w[\w ]*\**)(vs_([a-z]+)_\w+)(\([^;]*\));", re.MULTILINE)
 
 
 @cache
-def declarations() -> Mapping[str, Any]:
-    """Gives the types of the functions of `robot/inprocess.h`, by name.
+def declarations(part: str = "inprocess") -> Mapping[str, Any]:
+    """Gives the types of the functions of a header in `robot/` that bear its name, by theirs.
 
     Raises:
         BuildError: the C sources are not there.
     """
-    header = (build.source_tree().root / "robot" / "inprocess.h").read_text()
+    header = (build.source_tree().root / "robot" / f"{part}.h").read_text()
     return {
         name: ffi.typeof(f"{result}(*){arguments}")
-        for result, name, arguments in _PROTOTYPE.findall(header)
+        for result, name, owner, arguments in _PROTOTYPE.findall(header)
+        if owner == part
     }
 
 
-def _functions(library: Path) -> Any:
-    """The functions of a shared object, which stays loaded; OSError: it cannot be."""
-    loaded = ctypes.CDLL(str(library))
-    places = {n: ctypes.cast(loaded[n], ctypes.c_void_p).value for n in declarations()}
-    return SimpleNamespace(**{n: ffi.cast(kind, places[n]) for n, kind in declarations().items()})
+def functions(library: Path, part: str = "inprocess") -> Any:
+    """The `declarations` of a shared object, which stays loaded; OSError: it cannot be."""
+    loaded, kinds = ctypes.CDLL(str(library)), declarations(part)
+    places = {n: ctypes.cast(loaded[n], ctypes.c_void_p).value for n in kinds}
+    return SimpleNamespace(**{n: ffi.cast(kind, places[n]) for n, kind in kinds.items()})
 
 
 def _address(pointer: Any) -> int:
@@ -142,7 +143,7 @@ class CompiledProgram:
         """
         self.tags = list(tags)
         try:
-            self._lib = _functions(library)
+            self._lib = functions(library)
         except OSError as error:
             raise SimError(f"{library}: cannot be loaded: {error}") from None
         self._begin(bytearray(PROGRESS_BYTES) if progress is None else progress)
@@ -210,8 +211,12 @@ class CompiledProgram:
         now = self._now
         now.wanted, now.from_timestep, now.timestep = wanted, from_timestep, timestep
         now.capture_ns, now.now_ns = times_ns
+        self.decide(wanted)
         check(self._lib.vs_inprocess_step(self._all, now), "robots whose run is over")
         self.check()
+
+    def decide(self, wanted: Wanted) -> None:
+        """What is decided in this process before the step: C decides in the step itself."""
 
     def home(self, timestep: int, times_ns: tuple[int, int], goals: NDArray[np.int16]) -> None:
         """One step of every robot's walk home, to goals (n, 3) as STATE has them; see `step`.
@@ -231,7 +236,7 @@ class CompiledProgram:
         self._point("values", readings.block)
         self._point("captures_ns", readings.captures_ns)
 
-    def kernel(self) -> ProgramKernel:
+    def kernel(self) -> ProgramKernel | None:
         """The robots as C steps them, with RUN in `from_timestep` as of the newest step."""
         now, address = self._now, _address
         return ProgramKernel(
@@ -302,6 +307,10 @@ class CompiledProgram:
             said += [(self.tags[robot[0]], row) for row in self._log[robot[0]].add(number[0], text)]
         self._now.logged = 0
         return said
+
+    def failures(self) -> dict[int, str]:
+        """By tag why a robot's controller has failed; of those in C none goes on then."""
+        return {}
 
     def complaints(self) -> list[str]:
         """What the controllers asked for and did not get, or do not know: each complaint once."""

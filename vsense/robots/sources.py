@@ -107,6 +107,11 @@ class ProgramSources:
         return any(registers(p, m) for p in self.sources for m in (CONTROLLER, LOOP_FUNCTIONS))
 
     @property
+    def is_python(self) -> bool:
+        """Whether it is a file in Python, which the host runs."""
+        return self.sources[0].suffix == ".py"
+
+    @property
     def name(self) -> str:
         """How people call it."""
         return self.label or self.sources[0].stem

@@ -52,7 +52,9 @@ _WORDS = {
     "number": re.compile(r"controller '.*': expected a number(?P<range>.*) as parameter '(.*)'"),
     "parameter": re.compile(r"controller '.*' does not know the parameter '(.*)': ignored"),
 }
-_READS = re.compile(rb'\bvs_robot_param(?:_in|_text)?\s*\(\s*\w+\s*,\s*"([^"\n]+)"')
+_READS = re.compile(
+    rb'(?:\bvs_robot_param(?:_in|_text)?\s*\(\s*\w+\s*,|\.param(?:_text)?\()\s*"([^"\n]+)"'
+)
 
 
 def check(experiment: Experiment) -> None:

@@ -96,6 +96,11 @@ def loading(progress: Any, number: int) -> Iterator[None]:
     words[1], words[2] = 0, before
 
 
+def failed_words(failures: Mapping[int, str], kind: str = "") -> list[str]:
+    """What `Program.failures` gives, in words; `kind` says which robots these are."""
+    return [f"{kind}robot {tag}'s controller ({why})" for tag, why in failures.items()]
+
+
 class Programs:
     """Robots of an experiment, each with the program of its own controller; see `Program`.
 
@@ -207,6 +212,10 @@ class Programs:
     def logged(self) -> Sequence[tuple[int, str]]:
         """See `Program.logged`."""
         return [entry for *_, robots in self._parts for entry in robots.logged()]
+
+    def failures(self) -> dict[int, str]:
+        """See `Program.failures`."""
+        return {tag: why for *_, robots in self._parts for tag, why in robots.failures().items()}
 
     def end(self) -> None:
         """See `Program.end`."""

@@ -9,7 +9,7 @@ A run is valid only if it was the run that its file describes. One function deci
 | that was taken by `--other-programs` | valid, with a note |
 | a robot or a tagged object was never seen, a robot never came | invalid |
 | a robot had readings that were fresh enough at no time | invalid |
-| a controller was started again in mid-run | invalid |
+| a controller was started again in mid-run, or has failed | invalid |
 | a robot's own guard held its wheels for more than `LINK_S`: its base, its battery | invalid |
 | no arena state came for more than `LINK_S` | invalid |
 | a robot had no link for more than `LINK_S`, or a plan's `lost_s` | invalid |
@@ -32,6 +32,8 @@ from typing import Any
 from vsense.base.terminal import shorten
 
 VALID, VOID = "valid", "void"
+FAILED = "failed in mid-run"
+"""How a reason begins where controllers have failed."""
 
 LINK_S = 1.0
 """A link that is down, or wheels that are held, for a shorter time have changed no run."""
@@ -130,6 +132,7 @@ class RunRecord:
         unseen: names of tagged objects that were never seen.
         changes: so often somebody has changed the world while it ran.
         complaints: of controllers, in words.
+        failed: which controllers have failed, whose robots stood from then on, and why.
         link_check: which links were weak before the run, in words.
     """
 
@@ -143,6 +146,7 @@ class RunRecord:
     unseen: Sequence[str] = ()
     changes: int = 0
     complaints: Sequence[str] = ()
+    failed: Sequence[str] = ()
     link_check: str = ""
 
 
@@ -253,6 +257,10 @@ def _of_controllers(record: RunRecord, criteria: VoidCriteria) -> str:
     return f"started again in mid-run: {shorten(again)}" if again else ""
 
 
+def _of_failed(record: RunRecord, criteria: VoidCriteria) -> str:
+    return f"{FAILED}: {shorten(record.failed)}" if record.failed else ""
+
+
 def _of_held(record: RunRecord, criteria: VoidCriteria) -> str:
     held = [robot for robot in _there(record) if robot.held_s > LINK_S]
     return _listed(held, lambda r: f"held its wheels for {r.held_s:.1f} s ({r.held_by})")
@@ -299,8 +307,8 @@ def _of_late(record: RunRecord, criteria: VoidCriteria) -> str:
 
 
 _RULES: Sequence[Callable[[RunRecord, VoidCriteria], str]] = (
-    _of_refused, _of_absent, _of_unseen, _of_readings, _of_controllers, _of_held, _of_silence,
-    _of_starts, _of_lost, _of_moved, _of_fence, _of_late,
+    _of_refused, _of_absent, _of_unseen, _of_readings, _of_controllers, _of_failed, _of_held,
+    _of_silence, _of_starts, _of_lost, _of_moved, _of_fence, _of_late,
 )  # fmt: skip
 
 

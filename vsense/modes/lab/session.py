@@ -20,7 +20,7 @@ from vsense.modes.lab._grabber import LabGrabber
 from vsense.modes.lab._metrics import TrackingTally
 from vsense.modes.lab._optics import vignetting
 from vsense.modes.lab._physics_process import PhysicsHandle
-from vsense.modes.lab._swarm import Robot, Swarm
+from vsense.modes.lab._swarm import LabRobot, LabSwarm, daemons_of
 from vsense.modes.lab.calibrated import CalibratedRig
 from vsense.modes.lab.hardware import NOMINAL, EmulatedLab, LabRobots, to_markers
 from vsense.modes.lab.truth import TruthReader, make_ring
@@ -75,7 +75,7 @@ class RunNotes:
     seed: int
     directory: Path
     experiment: Experiment
-    robots: Sequence[Robot]
+    robots: Sequence[LabRobot]
     parts: Sequence[Mapping[str, Any]] = ()
     resting: tuple[str, ...] = ()
     record: RunRecord = field(default_factory=lambda: RunRecord(ended=""))
@@ -134,7 +134,7 @@ class Session(ExperimentSession):
         grabber = LabGrabber(spec)
         self._stack.callback(grabber.close)
         self._grabber = grabber
-        daemons = {c.id: build.daemon(c.program) for c in experiment.controllers}
+        daemons = daemons_of(experiment)
         self.cameras = grabber.cameras if self.rig is None else list(self.rig.solved)
         self.tracking = self._track(grabber)
         self._stack.callback(self.tracking.close)
@@ -144,7 +144,7 @@ class Session(ExperimentSession):
         self._stack.callback(self.floor.close)
         keys = self.setup.trust.keys
         place = experiment.host, port, seed, self.directory / "robots"
-        self.swarm = Swarm(*place, keys, self.robots.radios)
+        self.swarm = LabSwarm(*place, keys, self.robots.radios)
         self._stack.callback(self.swarm.end)
         for robot, base in zip(experiment.robots, self.floor.bases):
             settings = self.robots.settings.get(robot.tag, {})

@@ -29,7 +29,7 @@ from vsense.robots.inprocess import ACT_NS, CONTROL_NS
 from vsense.robots.link.wire import Wanted
 from vsense.run.changing import Ground
 from vsense.run.environment import Environment, physics_of
-from vsense.run.programs import RUN_PROGRESS_BYTES
+from vsense.run.programs import RUN_PROGRESS_BYTES, failed_words
 from vsense.world.entities import Box, Cylinder
 from vsense.world.physics.motion import Floats, NoisyWheels, Physics, obstacles
 from vsense.world.physics.proximity_ring import ProximityRing
@@ -292,6 +292,10 @@ class Simulation:
     def reports(self) -> Mapping[int, bytes]:
         """What every robot's virtual actuators say, by tag."""
         return self._robots.reports()
+
+    def failed(self) -> list[str]:
+        """Which controllers have failed, and why, in words."""
+        return [*failed_words(self._robots.failures()), *self.environment.failed()]
 
     def complaints(self) -> list[str]:
         """What the controllers asked for in vain, or do not know."""

@@ -38,6 +38,7 @@ from typing import TYPE_CHECKING, Any
 from vsense.base.errors import VsenseError
 from vsense.base.processes import read_line
 from vsense.base.terminal import Console
+from vsense.base.users_code import UsersCode
 from vsense.config.devices import virtual_devices
 from vsense.config.specs import Experiment
 from vsense.modes.sim import fingerprint
@@ -47,7 +48,6 @@ from vsense.modes.sim.job import Job, Setup
 from vsense.robots.crashes import CrashNote
 from vsense.robots.inprocess import declarations
 from vsense.run.programs import RUN_PROGRESS_BYTES, shared_objects
-from vsense.world.loop_functions import UsersCode
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
@@ -66,9 +66,9 @@ def simulate(
     Returns:
         The experiment's `name`, number of `robots` and `timesteps`, `timestep_s`, `wall_s` that
         the timesteps took and `cpu_s` of this process for them, `swarm` as of `metrics.swarm`,
-        `measures` of the experiment's own, whether it is `complete` or was stopped, how many
-        `changes` people made to its world, `complaints` of controllers, and of what they logged
-        the first `events` (seconds and words) and how many there are; `recording`, see `KeptRun`.
+        `measures` of its own, whether it is `complete` or was stopped, `changes`: how often people
+        changed its world, `complaints` of controllers, which have `failed`, the first `events` that
+        they logged (seconds and words) and their number; `recording`, see `KeptRun`.
 
     Raises:
         VsenseError: the run cannot be had.
@@ -105,6 +105,7 @@ def _notes(run: Simulation, files: KeptRun) -> dict[str, Any]:
     whose["timestep_s"] = experiment.timestep_s
     events_data = {"events": events[:EVENTS_TOLD], "events_in_all": len(events)}
     facts = {"complete": run.is_whole, "changes": files.changes, "complaints": run.complaints()}
+    facts["failed"] = run.failed()
     return {**whose, "swarm": run.record.swarm(), **facts, **events_data}
 
 

@@ -22,7 +22,7 @@ from vsense.monitor.recording import MCAP, size_line
 from vsense.run import directory as run_directory
 from vsense.run.directory import LOGGED, TRAJECTORY
 from vsense.run.environment import MOST_SEED
-from vsense.run.verdict import VoidCriteria, judge, table_rows
+from vsense.run.verdict import VoidCriteria, exit_code, judge, table_rows
 
 if TYPE_CHECKING:
     from vsense.modes.sim._room import SimRoom
@@ -71,18 +71,18 @@ class _SingleRun:
             for _, result in simulate_all(
                 [Task(job, self.experiment)], 1, self.interrupted, self._show()
             ):
-                self._report(job, result, self.options.json)
+                summary = self._report(job, result, self.options.json)
         except VsenseError:
             self._say_failure(job)
             raise
-        return 0
+        return exit_code([summary])
 
     def run_watched(self) -> int:
         """Does runs that a page watches, until a signal ends the process.
 
         Returns:
-            0; 130 after Ctrl-C, 143 after SIGTERM in the middle of a run, whose figures and files
-            are there all the same; as of the newest run's failure.
+            As `exit_code`; 130 after Ctrl-C, 143 after SIGTERM in the middle of a run, whose
+            figures and files are there all the same; as of the newest run's failure.
         """
         # These need the extra `web`.
         from vsense.modes._several import Series
@@ -105,7 +105,7 @@ class _SingleRun:
             print_data(json.dumps(summaries[0], indent=2))
         if runs.failure is not None:
             return runs.failure.exit_code
-        return self.interrupted.code if runs.cut else 0
+        return self.interrupted.code if runs.cut else exit_code(summaries)
 
     def _watched(
         self,
@@ -191,7 +191,7 @@ class _SingleRun:
         record = record_of(result, ended)
         swarm = {"swarm": result["swarm"]} if self.experiment.sources else {}
         verdict = judge(record, VoidCriteria()).facts()
-        summary = {**_summarise(job, result), **swarm, **verdict}
+        summary = {**_summarise(job, result), "ended": record.ended, **swarm, **verdict}
         self._say_events(result, directory)
         run_directory.write_summary(directory, summary, on_stdout)
         console.say(_table(summary))

@@ -120,7 +120,8 @@ class Task:
 def record_of(result: dict[str, Any], ended: str = "") -> RunRecord:
     """What there was of a run with this result; `ended`: why, where it is not complete."""
     ended = "time" if result["complete"] else ended or "interrupted"
-    return RunRecord(ended=ended, changes=result["changes"], complaints=result["complaints"])
+    names = ("changes", "complaints", "failed")
+    return RunRecord(ended=ended, **{name: result[name] for name in names})
 
 
 def libraries_of(experiment: Experiment) -> dict[str, str]:

@@ -15,10 +15,10 @@ from typing import Any, Generic, Protocol, TypeVar
 from vsense.base.errors import Interrupted
 from vsense.base.processes import begin_worker
 from vsense.base.shared import SharedBlock
+from vsense.base.users_code import UsersCode
 from vsense.modes.sim._simulation import WARM_UP_TIMESTEPS
 from vsense.modes.sim.outcome import JobAnswer, Task
 from vsense.run.programs import RUN_PROGRESS_BYTES
-from vsense.world.loop_functions import UsersCode
 
 CHECK_PERIOD_S = 0.1
 """Period of the checks. Checks are counted, not time: a machine that slept, or a process that was

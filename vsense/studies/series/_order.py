@@ -17,6 +17,7 @@ from typing import Any
 from vsense.base.errors import UsageError, VsenseError
 from vsense.base.terminal import aligned
 from vsense.run.runs_csv import RUNS, RunRow
+from vsense.run.verdict import FAILED
 from vsense.studies.series._parts import PlannedExperiment
 from vsense.studies.series._plan import SeriesPlan
 
@@ -132,6 +133,9 @@ def pending(plan: SeriesPlan, rows: Sequence[RunRow]) -> list[PlannedRun]:
         judged = [row for row in attempts if not row.why.startswith(CUT)]
         if len(judged) > plan.again:
             raise VoidLimit(_limit(plan, cell, judged))
+        # A simulation does the same again, also where users may have void rows repeated for ever.
+        if plan.mode == "sim" and (same := [row for row in judged if FAILED in row.why]):
+            raise VoidLimit(f"{same[-1].run}: {same[-1].why}; it would fail again")
         run = PlannedRun(cell, len(attempts) + 1)
         while run.name in names:  # somebody has taken a row away
             run = replace(run, attempt=run.attempt + 1)
