@@ -110,8 +110,10 @@ static void messages_are_heard(int speaking, int shuffled)
     struct vs_random random = {draw_share, NULL, draw_share, NULL};
     double places_m[3 * ROBOTS], readings[ROBOTS * HEARD];
     uint32_t counts[ROBOTS], i, j, k;
+    uint8_t lines[ROBOTS * ROBOTS];
     struct vs_hearing how = {&s->world, messages, &random, 0.3, 2.0 * PI, 0.052, shuffled, speaking,
-                             MOST, SIZE, 0.0, 0.035, shuffled, 0.0, 0, places_m, heard, counts};
+                             MOST, SIZE, 0.0, 0.035, shuffled, 0.0, 0, places_m, heard, counts,
+                             draw(0.0, 1.0) < 0.5 ? lines : NULL};
 
     begin(s);
     memset(messages, 0, sizeof messages);
