@@ -156,7 +156,7 @@ KERNELS = Library(
         "c_src/host/vs_physics.h",
         "c_src/host/vs_ring.h",
         "c_src/host/vs_sprites.h",
-        "c_src/host/vs_loop.h",
+        "c_src/host/vs_cxx.h",
         "c_src/host/vs_sim.h",
     ),
     layouts=("c_src/host/vs_noticed.h",),

@@ -313,7 +313,7 @@ def called_of_c(path: Path) -> list[str]:
 
 
 def test_what_c_shows_to_python_is_called() -> None:
-    """By the package, or by the properties and golden bytes of wire, session and base."""
+    """By the package, or by the properties of lines, and golden bytes of wire, session and base."""
     shown = {
         name
         for library in (lib, kernels)
@@ -321,7 +321,7 @@ def test_what_c_shows_to_python_is_called() -> None:
         if not isinstance(getattr(library, name), int | float)
     }
     assert {"vs_packet_open", "fw_york_advance", "vs_rays_blocked"} <= shown
-    folders = ("vsense", "tests/wire", "tests/firmware")
+    folders = ("vsense", "tests/wire", "tests/firmware", "tests/rigs")
     sources = [path for folder in folders for path in (ROOT / folder).rglob("*.py")]
     called = re.compile("|".join({name for path in sources for name in called_of_c(path)}))
     assert {name for name in shown if not called.fullmatch(name)} == set()
