@@ -48,6 +48,11 @@ _THOROUGH = 4
 """Of a camera, every so many key frames get a second look (see `_is_quick`): small newcomers wait
 that long, 0.07 s where every picture of 60 a second is one."""
 
+_COVERED = 5
+"""Where robots of the roster are nowhere to be seen, every so many key frames those of which
+something covers a part are looked for, where a second look is taken: no two of `_THOROUGH` and this
+have a divisor in common, so that each camera has its turn."""
+
 
 class Detected(NamedTuple):
     """DETECTION `rows` of one picture, and whether it held more than the detector's tables."""
@@ -82,6 +87,7 @@ class MarkerDetector:
         self._roster = np.zeros(0, dtype=np.int32)
         self._joined: tuple[int, ...] = ()
         self._turns: dict[str, int] = {}
+        self._key_frames = 0
         self._unsettled: set[str] = set()
         self._cameras = CameraArray([])
         self._inside_px: Floats = np.zeros(0)
@@ -95,7 +101,8 @@ class MarkerDetector:
         """Returns what is in each picture; what is not wholly in one is not reported."""
         self._kernels.begin(pictures)
         if (prediction := self._prediction) is None:
-            markers = self._believed(self._kernels.search(), gather([np.zeros(0, dtype=EXPECTED)]))
+            markers = self._kernels.search(wanted=len(self._roster))
+            markers = self._believed(markers, gather([np.zeros(0, dtype=EXPECTED)]))
             tags = markers.values["tag"].astype(np.int32)
         else:
             self._look_through(tuple(picture.camera for picture in pictures))
@@ -135,7 +142,11 @@ class MarkerDetector:
         """Searches what the plan says, and fits robots where they must be; returns (n,) MARKER."""
         markers = gather([np.zeros(0, dtype=MARKER)])
         if prediction.is_key_frame:
-            markers = self._kernels.search(quick=self._is_quick(prediction, expected))
+            self._key_frames += 1
+            is_gone = ~is_in(self._roster, prediction.expected["tag"])
+            wanted = len(self._roster) if self._key_frames % _COVERED == 0 and is_gone.any() else 0
+            quick = self._is_quick(prediction, expected)
+            markers = self._kernels.search(quick=quick, wanted=wanted)
             markers = self._believed(markers, expected)
         if prediction.is_key_frame or prediction.plan.warm:
             missing = self._contained(expected.where(~are_near(expected, markers)))
