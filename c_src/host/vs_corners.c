@@ -9,6 +9,8 @@
 #define STRAIGHT_PX 1.1 /* what a side's middle may be beside the line between its ends */
 #define TURN 0.3        /* cosine: corners of 90 degrees, give or take 17 */
 #define MAP_EVERY 256   /* pixels of a border that have one scale */
+#define EVERY 2         /* which pixels of a border are looked at */
+#define STEEP_PX 3.0    /* from outside to inside of a corner, on both sides of it */
 #define GLANCES 24      /* places along an outline */
 #define BESIDE_U 0.5    /* looked at inside and outside of them */
 #define LEAST_RIGHT 0.5 /* of them */
@@ -121,28 +123,53 @@ static uint32_t measure(const struct vs_border *border, uint32_t place, double s
     return steps < LEAST_STEPS ? LEAST_STEPS : steps;
 }
 
-/* Places a corner on the markers' plane; returns 1, or 0 where it is not on it. */
-static int place(const struct vs_border *border, uint32_t at, const struct vs_view *view,
-                 const int32_t origin[2], struct vs_corner *corner)
+/* Whether it is darker on one side of a border pixel than on the other, a step each away. */
+static int is_steep(const struct vs_picture *picture, double x_px, double y_px, double x_step,
+                    double y_step, int32_t least)
 {
+    int32_t x = (int32_t)x_px, y = (int32_t)y_px, dx = (int32_t)x_step, dy = (int32_t)y_step;
+    const uint8_t *here = picture->pixels + (size_t)y * picture->stride + (size_t)x;
+
+    if (x < 4 || y < 4 || x >= picture->width_px - 4 || y >= picture->height_px - 4)
+        return 0;
+    return here[-(ptrdiff_t)picture->stride * dy - dx] -
+               here[(ptrdiff_t)picture->stride * dy + dx] >
+           least;
+}
+
+/*
+ * Places a corner on the markers' plane; returns 1, or 0 where it is not on it, or where it is
+ * hardly darker inside than outside.
+ */
+static int place(const struct vs_border *border, uint32_t at, uint32_t steps,
+                 const struct vs_view *view, const int32_t origin[2], int32_t least,
+                 struct vs_corner *corner)
+{
+    uint32_t count = border->count, from = (at + count - steps) % count, to = (at + steps) % count;
+    double x = border->x[to] + border->x[from] - 2.0 * border->x[at];
+    double y = border->y[to] + border->y[from] - 2.0 * border->y[at];
+    double scale = STEEP_PX / (vs_root(x * x + y * y) + 1e-9);
+
     corner->x_px = border->x[at] + origin[0];
     corner->y_px = border->y[at] + origin[1];
+    if (!is_steep(&view->picture, corner->x_px, corner->y_px, x * scale, y * scale, least))
+        return 0;
     return vs_lens_map(view, corner->x_px, corner->y_px, corner->place_m, corner->map);
 }
 
 /* Adds the corners of a border, the straightest of those that are near each other. */
-static void add_corners(const struct vs_border *border, double side_m,
+static void add_corners(const struct vs_border *border, const struct vs_search *search,
                         const struct vs_view *view, const int32_t origin[2],
                         struct vs_corner *found, size_t capacity, size_t *count)
 {
     double map[4] = {0.0, 0.0, 0.0, 0.0}, best = -1.0;
     uint32_t i, steps = 0, best_at = 0;
 
-    for (i = 0; i < border->count && *count < capacity; i++) {
+    for (i = 0; i < border->count && *count < capacity; i += EVERY) {
         double inward_m[2], bend;
 
         if (i % MAP_EVERY == 0)
-            steps = measure(border, i, side_m, view, origin, map);
+            steps = measure(border, i, search->corner_side_m, view, origin, map);
         if (steps == 0 || border->count < 4 * steps ||
             (!border->is_closed && (i < steps || i + steps >= border->count)))
             continue;
@@ -155,7 +182,8 @@ static void add_corners(const struct vs_border *border, double side_m,
         }
         if (best >= 0.0 && i - best_at > steps / 2) {
             best = -1.0;
-            *count += (size_t)place(border, best_at, view, origin, &found[*count]);
+            *count += (size_t)place(border, best_at, steps, view, origin,
+                                    search->least_contrast / 2, &found[*count]);
         }
     }
 }
@@ -186,7 +214,7 @@ void vs_corners_find(struct vs_scan *s, const struct vs_picture *part,
         for (k = s->first[thing->top]; vs_scan_root(s, s->runs[k].part) != i; k++)
             ;
         follow(s, part, s->runs[k].begin, VS_SCAN_STEP * thing->top, border);
-        add_corners(border, search->corner_side_m, view, origin, found, capacity, count);
+        add_corners(border, search, view, origin, found, capacity, count);
     }
 }
 

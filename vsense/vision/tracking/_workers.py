@@ -239,7 +239,7 @@ class Kernels:
         windows: NDArray[np.int32] | None = None,
         of: Index | None = None,
         quick: NDArray[np.bool_] | None = None,
-        wanted: int = 0,
+        wanted: Index | None = None,
     ) -> Rows:
         """Looks for markers in all pictures, or in windows of them.
 
@@ -247,7 +247,7 @@ class Kernels:
             windows: (n, 4) see `Kernel.search`.
             of: (n,) in which picture each window is.
             quick: (n,) which of the pictures need no thorough search; see `Kernel.search`.
-            wanted: Where so many were read, none is looked for that something lies over.
+            wanted: (n,) where so many were read, none is looked for that something lies over.
 
         Returns:
             (k,) MARKER, sorted by the picture.
@@ -259,7 +259,8 @@ class Kernels:
             if mine is not None and len(mine) == 0:
                 return np.zeros(0, dtype=MARKER)
             before = kernel.overflows
-            markers = kernel.search(*picture, mine, quick is None or not quick[piece], wanted)
+            more = 0 if wanted is None else int(wanted[piece])
+            markers = kernel.search(*picture, mine, quick is None or not quick[piece], more)
             self.full[piece] |= kernel.overflows != before
             return markers
 
