@@ -424,7 +424,7 @@ def test_functions_fit_a_screen() -> None:
 
 BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
-    "vsense in Python": (("vsense",), (".py",), 482, 98290, 400),
+    "vsense in Python": (("vsense",), (".py",), 482, 98315, 400),
     "the page": (("vsense",), (".js", ".css", ".html"), 45, 5900, 300),
     "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 263, 28455, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 34, 7100, 512),
@@ -432,7 +432,7 @@ BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 
-CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 67360, 48, 19
+CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 67378, 48, 19
 """Lines of code in `vsense/`; imports between rooms, and between folders inside of rooms."""
 DOORS_MAX, NAMES_MAX = 186, 747
 """Modules that another room imports, and names taken from them."""
