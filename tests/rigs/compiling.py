@@ -21,7 +21,7 @@ HOST = C_SRC / "host"
 PICTURES = [
     HOST / f"vs_{part}.c"
     for part in (
-        *("math", "lens", "levels", "scan", "shape", "outline", "edges"),
+        *("math", "lens", "levels", "scan", "shape", "corners", "outline", "edges"),
         *("sums", "words", "square", "codes", "markers"),
     )
 ]
