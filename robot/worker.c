@@ -219,19 +219,19 @@ static void serve_host(struct vs_worker *w)
 {
     const struct vs_instant *now = &w->now;
     struct vs_telemetry telemetry;
-    uint8_t packet[VS_DATAGRAM_MAX];
-    size_t len;
+    enum vs_telling telling = vs_loop_telemetry(&w->loop, now, &telemetry);
 
     vs_talk_cause(&w->talk, vs_loop_cause(&w->loop, now), now->base_ns);
-    if (vs_loop_telemetry(&w->loop, now, &telemetry)) {
+    if (telling == VS_TELL_NEWS) {
         telemetry.base_errors = w->guard.base_errors;
         telemetry.base_resets = w->base.resets;
         telemetry.guard_restarts = w->guard.restarts;
         vs_radio_tell(&w->radio, now->base_ns, &telemetry);
-        if (vs_session_telemetry(&w->session, &telemetry, now->session_ns, packet, sizeof packet,
-                                 &len) == VS_OK)
-            vs_net_send(&w->net, packet, len, vs_session_over_tcp(&w->session, now->session_ns));
+        (void)vs_session_telemetry(&w->session, &telemetry, now->session_ns, w->net.sent.bytes,
+                                   VS_DATAGRAM_MAX, &w->net.sent_len);
     }
+    if (telling != VS_TELL_NOTHING && w->net.sent_len > 0)
+        vs_net_send(&w->net, vs_session_over_tcp(&w->session, now->session_ns));
     vs_net_flush(&w->net, &w->session, now->session_ns);
 }
 
