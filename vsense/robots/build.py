@@ -83,7 +83,7 @@ SIMULATION_PARTS = ("hosted", "inprocess")
 FAST_PARTS = (
     *("vs_body", "vs_clock", "vs_peer", "vs_session", "vs_tag", "vs_wire"),
     *("epuck_argos", "epuck_bytes", "base", "base_serial"),
-    *("guard", "loop", "memory", "robot"),
+    *("guard", "loop", "memory", "robot", "telling"),
 )
 """What a control step runs through, of most instructions. All else is compiled to small code."""
 
