@@ -105,8 +105,10 @@ def run(options: argparse.Namespace) -> int:
             console.say(f"they connect to {host}, port {address[1]}; their tracker to port {port}")
             command = _command(options, address[1], port)
             console.say(f"without cameras, in another terminal: {command}")
-            rehearsal.run(interrupted, console.progress)
-        console.end_progress()
+            try:
+                rehearsal.run(interrupted, console.progress)
+            finally:
+                console.end_progress()
     return interrupted.code
 
 
