@@ -183,6 +183,16 @@ def _calibration_rows(figures: dict[str, Any] | None) -> list[tuple[str, str]]:
     return [("known", text)]
 
 
+_LATENCIES = {"canary": "a timer of 10 ms, late by"}
+"""What rows of the table say in place of keys."""
+
+
+def _age_words(error_ms: float | None) -> str:
+    if error_ms is None:
+        return "no reading came: how wrong its age is is not known"
+    return f"age wrong by {error_ms} ms (99th percentile)"
+
+
 def table(summary: dict[str, Any]) -> str:
     """The summary as text."""
     tracking, sensing = summary["tracking"], summary["sensing"]
@@ -204,7 +214,7 @@ def table(summary: dict[str, Any]) -> str:
             "cameras",
             f"{vision['left_out']} timesteps left out, {vision['old_pictures']} old pictures"
             f" dropped, {vision['overflows']} with too many markers,"
-            f" {vision['camera_events']} messages of cameras",
+            f" {vision['camera_events']} warnings of cameras",
         ),
         (
             "sensing",
@@ -214,11 +224,11 @@ def table(summary: dict[str, Any]) -> str:
         *_metrics.swarm_rows(summary.get("swarm"), summary["robots"]),
         *measure_rows(summary["measures"]),
         link_row(summary["link"]),
-        ("clocks", f"age wrong by {summary['clock']['age_error_ms_p99']} ms (99th percentile)"),
+        ("clocks", _age_words(summary["clock"]["age_error_ms_p99"])),
     ]
     lines = [f"{name:<10}{text}" for name, text in rows]
     lines.append(f"{'latency':<10}{'from capture, in ms':<22}{'p50':>8}{'p99':>8}{'max':>8}")
     for name, spread in latency.items():
         figures = "".join(f"{number(spread[key]):>8}" for key in ("p50", "p99", "max"))
-        lines.append(f"{'':<10}{name.replace('_', ' '):<22}{figures}")
+        lines.append(f"{'':<10}{_LATENCIES.get(name, name.replace('_', ' ')):<22}{figures}")
     return "\n".join(lines)
