@@ -425,15 +425,15 @@ def test_functions_fit_a_screen() -> None:
 
 BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
-    "vsense in Python": (("vsense",), (".py",), 487, 99500, 400),
+    "vsense in Python": (("vsense",), (".py",), 488, 99800, 400),
     "the page": (("vsense",), (".js", ".css", ".html"), 45, 5900, 300),
     "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 262, 28400, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 34, 7100, 512),
-    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 625, 104170, 657),
+    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 626, 104270, 657),
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 
-CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 68100, 48, 19
+CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 68300, 48, 19
 """Lines of code in `vsense/`; imports between rooms, and between folders inside of rooms."""
 DOORS_MAX, NAMES_MAX = 188, 756
 """Modules that another room imports, and names taken from them."""

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from vsense.monitor.recording.reader import open_recording
     from vsense.robots.python_robot import Robot
     from vsense.robots.python_swarm import Leds, Swarm
+    from vsense.studies.notebook import LoadedExperiment, RunTable, SimulatedRun
+    from vsense.studies.notebook import load_experiment as load
     from vsense.studies.report.report import make_report
     from vsense.studies.series.campaign import Campaign
     from vsense.studies.series.campaign import run as run_campaign
@@ -41,11 +43,14 @@ PLACES = {
     "Floor": "vsense.world.fields",
     "Leds": "vsense.robots.python_swarm",
     "Light": "vsense.world.entities",
+    "LoadedExperiment": "vsense.studies.notebook",
     "Robot": "vsense.robots.python_robot",
     "Robots": "vsense.world.sensors.base",
+    "RunTable": "vsense.studies.notebook",
     "Scale": "vsense.world.sensors.quality",
     "Scope": "vsense.world.sensors.base",
     "Setup": "vsense.modes.sim.job",
+    "SimulatedRun": "vsense.studies.notebook",
     "Swarm": "vsense.robots.python_swarm",
     "Sweep": "vsense.modes.sim.job",
     "VirtualActuator": "vsense.world.actuators.base",
@@ -55,6 +60,7 @@ PLACES = {
     "World": "vsense.world.world",
     "Zone": "vsense.world.entities",
     "interruption": "vsense.base.terminal",
+    "load": "vsense.studies.notebook:load_experiment",
     "make_report": "vsense.studies.report.report",
     "open_recording": "vsense.monitor.recording.reader",
     "read_truth": "vsense.modes.lab.truth",
@@ -73,11 +79,14 @@ __all__ = [
     "Floor",
     "Leds",
     "Light",
+    "LoadedExperiment",
     "Robot",
     "Robots",
+    "RunTable",
     "Scale",
     "Scope",
     "Setup",
+    "SimulatedRun",
     "Swarm",
     "Sweep",
     "VirtualActuator",
@@ -87,6 +96,7 @@ __all__ = [
     "World",
     "Zone",
     "interruption",
+    "load",
     "make_report",
     "open_recording",
     "read_truth",

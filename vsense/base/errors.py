@@ -18,6 +18,7 @@ EXTRAS = {
     "foxglove": "foxglove",
     "matplotlib": "report",
     "mcap": "record",
+    "pandas": "tables",
     "scipy": "report",
     "ziglang": "robot",
     "zstandard": "record",

@@ -39,18 +39,28 @@ def run(options: SimOptions) -> int:
         UsageError: something is missing or does not go together.
         VsenseError: it cannot be simulated, or has failed.
     """
-    options.check()
-    experiment, console = options.experiment.load(), Console()
-    setup = setup_of(options.experiment)
-    experiment = setup.fit(experiment)
-    say_warnings(experiment, console)
+    console = Console()
+    runs = _SingleRun.of(options, console)
     with interruption() as interrupted:
         try:
-            runs = _SingleRun(options, setup, experiment, console, interrupted)
-            return runs.run() if options.web is None else runs.run_watched()
+            if options.web is None:
+                return exit_code([runs.run(interrupted)[0]])
+            return runs.run_watched(interrupted)
         except Interrupted:
             console.end_progress()
             return interrupted.code
+
+
+def simulate(
+    options: SimOptions, console: Console, interrupted: Interruption
+) -> tuple[dict[str, Any], Path]:
+    """Simulates an experiment once: its figures, as summary.json has them, and its folder.
+
+    Raises:
+        Interrupted: `interrupted` was set; the figures until then are in the folder.
+        UsageError, VsenseError: as `run`.
+    """
+    return _SingleRun.of(options, console).run(interrupted)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,23 +71,30 @@ class _SingleRun:
     setup: Setup
     experiment: Experiment
     console: Console
-    interrupted: Interruption
 
-    def run(self) -> int:
+    @classmethod
+    def of(cls, options: SimOptions, console: Console) -> _SingleRun:
+        """Loads the experiment; raises as `run`."""
+        options.check()
+        setup = setup_of(options.experiment)
+        experiment = setup.fit(options.experiment.load())
+        say_warnings(experiment, console)
+        return cls(options, setup, experiment, console)
+
+    def run(self, interrupted: Interruption) -> tuple[dict[str, Any], Path]:
         """Does the run: figures, trajectories, and a table for people; raises as `simulate_all`."""
         job = self._job()
         self._announce(job)
+        tasks = [Task(job, self.experiment)]
         try:
-            for _, result in simulate_all(
-                [Task(job, self.experiment)], 1, self.interrupted, self._show()
-            ):
+            for _, result in simulate_all(tasks, 1, interrupted, self._show()):
                 summary = self._report(job, result, self.options.json)
         except VsenseError:
             self._say_failure(job)
             raise
-        return exit_code([summary])
+        return summary, Path(job.directory or ".")
 
-    def run_watched(self) -> int:
+    def run_watched(self, interrupted: Interruption) -> int:
         """Does runs that a page watches, until a signal ends the process.
 
         Returns:
@@ -97,15 +114,15 @@ class _SingleRun:
             SimRoom(control_room, self.experiment, seed, speed) as room,
         ):
             directory = run_directory.make(output, self.experiment.name, seed)
-            series = Series(directory, 1, False, self.interrupted)
-            with WatchedRuns(room, self.interrupted) as runs:
+            series = Series(directory, 1, False, interrupted)
+            with WatchedRuns(room, interrupted) as runs:
                 summaries = list(self._watched(room, runs, series.directory, libraries))
             series.write_summary(self.experiment.name, summaries, self.options.json)
         if self.options.json and summaries and not series.several:
             print_data(json.dumps(summaries[0], indent=2))
         if runs.failure is not None:
             return runs.failure.exit_code
-        return self.interrupted.code if runs.cut else exit_code(summaries)
+        return interrupted.code if runs.cut else exit_code(summaries)
 
     def _watched(
         self,
