@@ -152,6 +152,14 @@ def test_what_nobody_offers_is_refused_before_the_run(
     assert words in capsys.readouterr().err
 
 
+def test_an_edited_file_is_tried_again(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ("--set", "moth.enough=1", "--duration", 1, "-o", "out")
+    assert simulate(experiment(folder, MOTH), *words) == 0
+    other = MOTH.replace('robot.param("enough", 8.0, least=0)', "8.0")
+    assert simulate(experiment(folder, other), *words) == 2
+    assert "reads no parameter 'enough'; there are: least" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("stage", [Stage.LAB, Stage.RUN])
 def test_robots_run_no_python(folder: Path, stage: Stage) -> None:
     path = experiment(folder, MOTH)
