@@ -136,6 +136,7 @@ KERNELS = Library(
         "c_src/host/vs_crash.h",
         "c_src/host/vs_latest.h",
         "c_src/host/vs_view.h",
+        "c_src/host/vs_search.h",
         "c_src/host/vs_markers.h",
         "c_src/host/vs_words.h",
         "c_src/host/vs_codes.h",

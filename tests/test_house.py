@@ -425,19 +425,19 @@ def test_functions_fit_a_screen() -> None:
 
 BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
-    "vsense in Python": (("vsense",), (".py",), 488, 99800, 400),
+    "vsense in Python": (("vsense",), (".py",), 492, 100600, 400),
     "the page": (("vsense",), (".js", ".css", ".html"), 45, 5900, 300),
-    "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 262, 28400, 400),
+    "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 266, 29000, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 34, 7100, 512),
-    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 626, 104290, 657),
+    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 627, 105000, 657),
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 
-CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 68300, 48, 19
+CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 68900, 48, 19
 """Lines of code in `vsense/`; imports between rooms, and between folders inside of rooms."""
-DOORS_MAX, NAMES_MAX = 188, 756
+DOORS_MAX, NAMES_MAX = 191, 765
 """Modules that another room imports, and names taken from them."""
-SPLATS_MAX, OUTSIDE_MAX = 10, 223
+SPLATS_MAX, OUTSIDE_MAX = 10, 224
 """Calls `f(*(a, b))`; attributes that are assigned from outside of their object."""
 
 

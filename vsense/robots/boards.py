@@ -15,6 +15,7 @@ OpenSSH of 2010 knows keys and ciphers only that OpenSSH does not use any more u
 from __future__ import annotations
 
 import importlib.util
+import os
 import platform
 import re
 import shutil
@@ -267,6 +268,11 @@ def call_all(
     """Runs commands at once; gives what `call` gives of each."""
     with ThreadPoolExecutor(min(max(len(commands), 1), _MOST_ASKED)) as pool:
         return list(pool.map(call, commands))
+
+
+def in_words(said: str) -> str:
+    """What a daemon said, with the system's text in place of an error's number."""
+    return re.sub(r"\berrno (\d+)", lambda match: os.strerror(int(match[1])), said)
 
 
 def ssh_advice(destination: str, said: Sequence[str]) -> str | None:

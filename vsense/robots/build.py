@@ -13,10 +13,11 @@ import hashlib
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 
-from vsense.base.errors import UsageError, instead
+from vsense.base.errors import UsageError, failing_as, instead
+from vsense.base.files import PACKAGE_FOLDER
 from vsense.robots import _cache
 from vsense.robots._argos_code import (
     CONTROLLER_PARTS,
@@ -38,7 +39,7 @@ from vsense.robots.compiling import (
     native,
     own_cxxflags,
 )
-from vsense.robots.sources import ProgramSources, source_roots
+from vsense.robots.sources import HASH_DIGITS, ProgramSources, folders_digest, source_roots
 
 __all__ = ["BuildError", "SourceTree", "cache_directory", "daemon", "known", "shared"]
 
@@ -83,7 +84,7 @@ SIMULATION_PARTS = ("hosted", "inprocess")
 FAST_PARTS = (
     *("vs_body", "vs_clock", "vs_peer", "vs_session", "vs_tag", "vs_wire"),
     *("epuck_argos", "epuck_bytes", "base", "base_serial"),
-    *("guard", "loop", "memory", "robot"),
+    *("guard", "loop", "memory", "robot", "telling"),
 )
 """What a control step runs through, of most instructions. All else is compiled to small code."""
 
@@ -175,6 +176,10 @@ class SourceTree:
         """The folders of the headers."""
         return [self.root / folder for folder in ("c_src", "robot")]
 
+    def resolved(self) -> list[Path]:
+        """The same without links in their paths."""
+        return [folder.resolve() for folder in self.includes()]
+
     def controllers(self) -> dict[str, Path]:
         """The shipped controllers by name."""
         return {p.stem: p for p in sorted((self.root / "robot" / "controllers").glob("*.c"))}
@@ -216,6 +221,29 @@ def source_tree() -> SourceTree:
     raise BuildError(
         f"the daemon's C sources are missing from {source_roots()[0]}: install vsense again"
     )
+
+
+@lru_cache(maxsize=1)
+def own_sources() -> str:
+    """Digest of what vsense runs; the same in a checkout and where it is installed.
+
+    Raises:
+        BuildError: the C sources are missing, or a file cannot be read.
+    """
+    trees: list[tuple[str, Path, tuple[str, ...]]]
+    trees = [("vsense", PACKAGE_FOLDER, (".py", ".argos", ".json"))]
+    folders = source_tree().resolved()
+    trees += [(folder.name, folder, (".c", ".cpp", ".h", ".hpp", ".txt")) for folder in folders]
+    digest = hashlib.sha256()
+    for name, folder, suffixes in trees:
+        for path in sorted(p for p in folder.rglob("*") if p.suffix in suffixes):
+            below = path.relative_to(folder)
+            # What only the host runs is compiled, and its sources are not installed.
+            if below.parts[0] not in ("_sources", "host"):
+                with failing_as(BuildError, f"{path}: cannot be read"):
+                    own = hashlib.sha256(path.read_bytes()).hexdigest()
+                digest.update(f"{name}/{below.as_posix()} {own}\n".encode())
+    return digest.hexdigest()[:HASH_DIGITS]
 
 
 def daemon(
@@ -324,6 +352,7 @@ def _fingerprint(tree: SourceTree, program: ProgramSources, sources: Sources | N
     compiler = native()
     flags = f"{CFLAGS}{SHARED_FLAGS}{CXXFLAGS}{own_cxxflags()}{CXX_LIBRARIES}"
     flags += f"{compiler.cxx}{compiler.debug}"
+    flags += "" if sources else folders_digest(tree.includes())  # a daemon tells it
     sources = sources or tree.daemon(program)
     versions = _cache.version(compiler)
     versions += _cache.version(compiler.for_cxx()) if sources.is_cxx else ""

@@ -32,6 +32,8 @@ from typing import Any
 from vsense.base.terminal import shorten
 
 VALID, VOID = "valid", "void"
+BROKEN = "failed"
+"""Why a run has ended that something in it has ended."""
 FAILED = "failed in mid-run"
 """How a reason begins where controllers have failed."""
 
@@ -122,7 +124,7 @@ class RunRecord:
     """What was there of a run; by default all that its file describes.
 
     Attributes:
-        ended: why it ended; "time": its length was over.
+        ended: why it ended; "time": its length was over; `BROKEN`: `failed` says why.
         endless: it has no length.
         timesteps: it had one at least.
         late: share of its timesteps that were late or left out, 0..1.
@@ -170,10 +172,12 @@ class RunVerdict:
 def judge(record: RunRecord, criteria: VoidCriteria) -> RunVerdict:
     """The verdict on a run."""
     if not record.timesteps:
-        return RunVerdict(f"nothing was measured: {record.ended or 'failed'}")
+        words = shorten(record.failed) or record.ended or "failed"
+        return RunVerdict(f"nothing was measured: {words}")
     reasons = []
-    if criteria.ended_early and record.ended != "time" and not record.endless:
-        reasons.append(f"{record.ended or 'failed'} before its end")
+    is_told = record.ended == BROKEN and record.failed
+    if criteria.ended_early and record.ended != "time" and not record.endless and not is_told:
+        reasons.append(f"{record.ended or BROKEN} before its end")
     reasons += filter(None, (rule(record, criteria) for rule in _RULES))
     notes = filter(None, (note(record, criteria) for note in _NOTES))
     return RunVerdict("; ".join(reasons), "; ".join(notes))

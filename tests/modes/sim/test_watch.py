@@ -58,6 +58,20 @@ def test_a_crash_is_named(write_experiment, fault: str, words: str) -> None:
     )
 
 
+def test_a_run_that_has_failed_leaves_its_verdict(write_experiment, tmp_path: Path) -> None:
+    path, words = write_experiment("plain"), ["-m", "vsense", "sim"]
+    words += [str(path), "--duration", "1", "--set", "wanderer.fault=2", "--json"]
+    words += ["-o", str(tmp_path / "out")]
+    ran = subprocess.run([sys.executable, *words], capture_output=True, cwd=ROOT, text=True)
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert ran.returncode == 1 and json.loads(ran.stdout) == summary
+    assert (summary["verdict"], summary["ended"], summary["timesteps"]) == ("void", "failed", 4)
+    assert re.fullmatch(
+        r"failed in mid-run: robot 31, .* was killed by SIGFPE at faulty\.c:\d+", summary["why"]
+    )
+    assert summary["measures"] == {} and summary["speedup"] is None
+
+
 def test_without_addr2line_it_is_said_what_is_missing(
     write_experiment, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

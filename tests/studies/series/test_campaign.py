@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import re
 import signal
@@ -173,6 +174,13 @@ def test_a_run_that_fails_ends_the_campaign_and_is_named(
     assert "wanderer.fault=1, seed 1: robot 31" in said
     assert "SIGSEGV" in said
     assert path.read_text().count("\n") == 3
+    assert sim(experiment, "--set", "wanderer.fault=1", *faults[2:], "-o", tmp_path / "s.csv") == 1
+    blind = ("--blind", "--duration", "1", "--runs", "2", "-o", tmp_path / "b.csv")
+    assert sim("pollutant", *blind) == 0
+    said = capsys.readouterr().err
+    assert "sighted" not in said and re.search(r"^without virtual sensors +in cone", said, re.M)
+    (row, _) = csv.DictReader((tmp_path / "b.csv").open(newline=""))
+    assert (row["condition"], row["run"]) == ("blind", "blind, seed 1"), "in files they stay"
 
 
 @pytest.mark.parametrize(

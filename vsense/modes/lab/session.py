@@ -27,7 +27,7 @@ from vsense.modes.lab.truth import TruthReader, make_ring
 from vsense.modes.live.session import ROBOT_WAIT_S, Busy, ExperimentSession, RunSetup
 from vsense.monitor.pictures.run_figure import RunCameras
 from vsense.monitor.pictures.run_samples import RunSamples
-from vsense.robots import build
+from vsense.robots import boards, build
 from vsense.robots.link.status import RobotStatus
 from vsense.run.cast import played, spares_for
 from vsense.run.changing import Ground
@@ -116,6 +116,7 @@ class Session(ExperimentSession):
         self._lab = lab
         self.rig, self.robots = rig, robots
         self._ready = False
+        self._fallen: list[str] = []
         self.dt_ns = setup.experiment.timestep_ns
 
     def _open(self) -> None:
@@ -216,8 +217,9 @@ class Session(ExperimentSession):
         for robot, how in self.swarm.fallen():
             log = self.swarm.log(robot.tag)
             if not self._ready:
-                said = log.read_text(errors="replace").strip().splitlines()
+                said = boards.in_words(log.read_text(errors="replace")).strip().splitlines()
                 raise LabError(f"robot {robot.tag}: its daemon {how}: {said[-1] if said else ''}")
+            self._fallen.append(f"robot {robot.tag}'s controller {how}")
             self.setup.console.say(
                 f"robot {robot.tag}: its daemon {how} (log: {log});"
                 " the experiment goes on without it;"
@@ -271,8 +273,10 @@ class Session(ExperimentSession):
                 self.setup.console.say(f"loop functions: {text}")
 
     def record_of(self, figures: Figures, failure: VsenseError | None) -> RunRecord:
-        """See `ExperimentSession`; what controllers complain of is in their logs here."""
-        return replace(super().record_of(figures, failure), complaints=self.swarm.complaints())
+        """See `ExperimentSession`; of controllers their logs tell here, and how daemons ended."""
+        record = super().record_of(figures, failure)
+        failed = (*record.failed, *self._fallen)
+        return replace(record, complaints=self.swarm.complaints(), failed=failed)
 
     def _run_timesteps(self, notes: RunNotes, observe: Callable[[Step], None]) -> None:
         samples = notes.samples
@@ -298,6 +302,7 @@ class Session(ExperimentSession):
         """See `ExperimentSession`."""
         for notes in self.recordings:
             notes.seen.pack()
+        self._fallen.clear()
         super().next_run()
 
     def _unable(self, tag: int) -> str:

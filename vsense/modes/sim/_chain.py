@@ -160,6 +160,7 @@ class Chain:
         if at == kernels.VS_SIM_EVOLVED:
             names = [kernel.name for bank in self._banks for kernel in bank.in_c]
             return SensorError(f"sensor {names[number]!r}: gave what does not fit its layout")
+        self._parts.programs.check()
         return WireError(code, "robots whose run is over")
 
     def _hear(self, run_timestep: int) -> None:

@@ -16,7 +16,7 @@ from vsense.modes import origin
 from vsense.modes.lab._metrics import swarm_rows
 from vsense.modes.options import choose_seed, say_warnings
 from vsense.modes.sim.job import Job, Setup, SimOptions, setup_of
-from vsense.modes.sim.outcome import Task, libraries_of, record_of
+from vsense.modes.sim.outcome import SimulatedRunError, Task, libraries_of, record_of
 from vsense.modes.sim.watch import Show, WorkerProcess, simulate_all
 from vsense.monitor.recording import MCAP, size_line
 from vsense.run import directory as run_directory
@@ -89,8 +89,8 @@ class _SingleRun:
         try:
             for _, result in simulate_all(tasks, 1, interrupted, self._show()):
                 summary = self._report(job, result, self.options.json)
-        except VsenseError:
-            self._say_failure(job)
+        except VsenseError as error:
+            self._report_failure(job, error, self.options.json)
             raise
         return summary, Path(job.directory or ".")
 
@@ -142,7 +142,7 @@ class _SingleRun:
                 console.end_progress()
                 yield self._report(job, result, False, control.why)
             except VsenseError as error:
-                self._say_failure(job)
+                yield from self._report_failure(job, error)
                 # The page stays: who watches shall see what has failed, and may go on.
                 console.say(f"vsense: {error}", "trouble")
             room.end_run()
@@ -195,9 +195,24 @@ class _SingleRun:
 
         return show
 
-    def _say_failure(self, job: Job) -> None:
+    def _report_failure(
+        self, job: Job, error: VsenseError, on_stdout: bool = False
+    ) -> list[dict[str, Any]]:
+        """Says that a run has failed, and writes its figures, if it was one; gives these."""
         self.console.end_progress()
+        summaries = []
+        if isinstance(error, SimulatedRunError):
+            summaries = [self._summary(job, error.result)]
+            run_directory.write_summary(Path(job.directory or "."), summaries[0], on_stdout)
         self.console.say(f"the run has failed; what there is of it: {job.directory}")
+        return summaries
+
+    def _summary(self, job: Job, result: dict[str, Any], ended: str = "") -> dict[str, Any]:
+        """A run's figures with their verdict."""
+        record = record_of(result, ended)
+        swarm = {"swarm": result["swarm"]} if self.experiment.sources else {}
+        verdict = judge(record, VoidCriteria()).facts()
+        return {**_summarise(job, result), "ended": record.ended, **swarm, **verdict}
 
     def _report(
         self, job: Job, result: dict[str, Any], on_stdout: bool, ended: str = ""
@@ -205,10 +220,7 @@ class _SingleRun:
         """Writes and prints a run's figures; `ended`: why, where it did before its end."""
         console, directory = self.console, Path(job.directory or ".")
         console.end_progress()
-        record = record_of(result, ended)
-        swarm = {"swarm": result["swarm"]} if self.experiment.sources else {}
-        verdict = judge(record, VoidCriteria()).facts()
-        summary = {**_summarise(job, result), "ended": record.ended, **swarm, **verdict}
+        summary = self._summary(job, result, ended)
         self._say_events(result, directory)
         run_directory.write_summary(directory, summary, on_stdout)
         console.say(_table(summary))
@@ -238,7 +250,7 @@ def _say_recording(console: Console, state: dict[str, Any]) -> None:
 
 def _summarise(job: Job, result: dict[str, Any]) -> dict[str, Any]:
     """Gives a run's figures under the names that scripts rely on."""
-    duration_s = result["timesteps"] * result["timestep_s"]
+    duration_s, wall_s = result["timesteps"] * result["timestep_s"], result["wall_s"]
     return {
         "experiment": result["name"],
         "seed": job.seed,
@@ -247,7 +259,7 @@ def _summarise(job: Job, result: dict[str, Any]) -> dict[str, Any]:
         "robots": result["robots"],
         "timesteps": result["timesteps"],
         "duration_s": round(duration_s, 3),
-        "speedup": round(duration_s / result["wall_s"], 1),
+        "speedup": None if wall_s is None else round(duration_s / wall_s, 1),
         "measures": result["measures"],
     }
 

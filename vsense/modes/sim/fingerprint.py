@@ -95,15 +95,9 @@ def of_files(task: Task) -> dict[str, str]:
             continue
         sources = build.source_tree().runtime(program).dependencies(native())
         files.update(dict.fromkeys(sources))
-    ours = [PACKAGE_FOLDER, *_folders()]
+    ours = [PACKAGE_FOLDER, *build.source_tree().resolved()]
     users = [p for p in files if not any(p.resolve().is_relative_to(root) for root in ours)]
     return {os.path.abspath(path): of_file(path) for path in users}
-
-
-def _folders() -> list[Path]:
-    """Where vsense's own C sources are."""
-    root = build.source_tree().root.resolve()
-    return [root / "c_src", root / "robot"]
 
 
 _QUOTED = re.compile(r"\"([^\"<]*)\"|'([^'<]*)'")
@@ -179,7 +173,7 @@ def of_machine() -> Machine:
 
     python = ".".join(map(str, sys.version_info[:2]))
     versions = zip(VERSIONS, (__version__, python, np.__version__, cv2.__version__))
-    return {**dict(versions), _OWN: own_sources(), **_last_digits()}
+    return {**dict(versions), _OWN: build.own_sources(), **_last_digits()}
 
 
 def difference(expected: Machine) -> str:
@@ -207,23 +201,7 @@ def difference(expected: Machine) -> str:
 
 def software() -> dict[str, str]:
     """Which vsense this is: version, digest of its sources, and its commit, "" where not known."""
-    return {"vsense": __version__, "sources": own_sources(), "commit": commit()}
-
-
-@lru_cache(maxsize=1)
-def own_sources() -> str:
-    """Digest of what vsense runs; the same in a checkout and where it is installed."""
-    trees: list[tuple[str, Path, tuple[str, ...]]]
-    trees = [("vsense", PACKAGE_FOLDER, (".py", ".argos", ".json"))]
-    trees += [(folder.name, folder, (".c", ".cpp", ".h", ".hpp", ".txt")) for folder in _folders()]
-    digest = hashlib.sha256()
-    for name, folder, suffixes in trees:
-        for path in sorted(p for p in folder.rglob("*") if p.suffix in suffixes):
-            below = path.relative_to(folder)
-            # What only the host runs is compiled, and its sources are not installed.
-            if below.parts[0] not in ("_sources", "host"):
-                digest.update(f"{name}/{below.as_posix()} {of_file(path)}\n".encode())
-    return digest.hexdigest()[:_DIGITS]
+    return {"vsense": __version__, "sources": build.own_sources(), "commit": commit()}
 
 
 Function = Callable[[NDArray[np.float64]], Any]

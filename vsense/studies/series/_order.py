@@ -78,22 +78,32 @@ class PlannedRun:
     def name(self) -> str:
         """As runs.csv and its folder have it."""
         if not self.cell.block:
-            return self.in_words()
+            return f"{self.cell.condition}, seed {self.cell.seed}{self._again}"
         suffix = f"-{self.attempt}" if self.attempt > 1 else ""
         return f"run-{self.cell.number:03d}{suffix}"
 
     def in_words(self) -> str:
         """What it is, for people."""
         cell = self.cell
-        attempt = f", attempt {self.attempt}" if self.attempt > 1 else ""
         if not cell.block:
-            return f"{cell.condition}, seed {cell.seed}{attempt}"
-        return f"{cell.condition}, start {cell.start}, repetition {cell.repetition}{attempt}"
+            return f"{condition_words(cell.condition)}, seed {cell.seed}{self._again}"
+        return f"{cell.condition}, start {cell.start}, repetition {cell.repetition}{self._again}"
+
+    @property
+    def _again(self) -> str:
+        return f", attempt {self.attempt}" if self.attempt > 1 else ""
 
     @property
     def label(self) -> str:
         """Its name with what it is."""
-        return f"{self.name} ({self.in_words()})" if self.cell.block else self.name
+        return f"{self.name} ({self.in_words()})" if self.cell.block else self.in_words()
+
+
+def condition_words(condition: str) -> str:
+    """What `condition_of` gives, for people."""
+    head, comma, rest = condition.partition(", ")
+    words = {"sighted": "as in the file", "blind": "without virtual sensors"}.get(head, head)
+    return f"{words}{comma}{rest}"
 
 
 def cells(plan: SeriesPlan) -> list[Cell]:

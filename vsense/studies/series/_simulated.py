@@ -21,7 +21,7 @@ from vsense.base.terminal import Console, Interruption
 from vsense.modes.sim import engine
 from vsense.modes.sim.fingerprint import of_file
 from vsense.modes.sim.job import Job, Setup
-from vsense.modes.sim.outcome import Task, libraries_of, record_of
+from vsense.modes.sim.outcome import SimulatedRunError, Task, libraries_of, record_of
 from vsense.modes.sim.watch import Show, WorkerProcess, simulate_all
 from vsense.monitor import recording
 from vsense.monitor.recording import megabytes
@@ -126,10 +126,13 @@ class SimulatedRuns:
                 while written in finished:
                     yield take(written)
                     written += 1
-        except (Interrupted, VsenseError):
+        except (Interrupted, VsenseError) as error:
             self._clear([todo[n] for n in range(written, len(todo)) if n not in finished])
             for number in sorted(finished) if self._plan.seed != CAMPAIGN else ():
                 yield take(number)
+            if isinstance(error, SimulatedRunError) and self._plan.seed != CAMPAIGN:
+                failed = outcome(error.task, error.result, self._plan.void)
+                yield runs[place[id(error.task)]], failed
             raise
         show(())
         self._console.end_progress()

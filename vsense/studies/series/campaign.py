@@ -26,7 +26,7 @@ from vsense.run import asked
 from vsense.run.runs_csv import RunsFile, condition_of
 from vsense.studies.report import FORMATS, can_draw, lacking
 from vsense.studies.series._folder import CampaignTable
-from vsense.studies.series._order import CAMPAIGN, Cell
+from vsense.studies.series._order import CAMPAIGN, Cell, condition_words
 from vsense.studies.series._parts import PlannedExperiment
 from vsense.studies.series._plan import Condition, PlannedStart, SeriesPlan
 from vsense.studies.series._series import (
@@ -301,8 +301,8 @@ def _report(campaign: Campaign, plan: SeriesPlan, table: CampaignTable, console:
     if campaign.json:
         figures = [{"settings": c.settings, "measures": spreads(v)} for c, v in groups]
         print_data(json.dumps({"file": str(path), "settings": figures}, indent=2))
-    names = [", ".join(f"{n}={v}" for n, v in c.settings.items()) for c, _ in groups]
-    for line in measure_table("setting", [name or "as in the file" for name in names], groups):
+    names = [condition_words(condition.name) for condition, _ in groups]
+    for line in measure_table("setting", names, groups):
         console.say(line)
     console.say(f"results: {path}, {len(table.rows)} runs")
     if not table.table.measures:
@@ -322,7 +322,9 @@ def _draw(campaign: Campaign, table: CampaignTable, groups: Sequence[ConditionMe
     measures = {name: [values[name] for _, values in groups] for name in table.table.measures}
     settings = [condition.settings for condition, _ in groups]
     with _plot.styled(campaign.style):
-        figure = _comparison.draw(table.rows[0].experiment, settings, measures)
+        title = table.rows[0].experiment
+        title += ", without virtual sensors" if campaign.setup.blind else ""
+        figure = _comparison.draw(title, settings, measures)
         data = _plot.encode(figure, file.suffix[1:])
     with failing_as(VsenseError, f"{file}: cannot be written"):
         file.write_bytes(data)
