@@ -153,6 +153,14 @@ def test_what_nobody_offers_is_refused_before_the_run(
     assert words in capsys.readouterr().err
 
 
+def test_an_edited_file_is_tried_again(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ("--set", "moth.enough=1", "--duration", 1, "-o", "out")
+    assert simulate(experiment(folder, MOTH), *words) == 0
+    other = MOTH.replace('robot.param("enough", 8.0, least=0)', "8.0")
+    assert simulate(experiment(folder, other), *words) == 2
+    assert "reads no parameter 'enough'; there are: least" in capsys.readouterr().err
+
+
 @pytest.mark.paced
 @pytest.mark.system
 def test_real_daemons_do_what_the_file_says(folder: Path) -> None:
