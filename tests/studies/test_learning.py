@@ -111,6 +111,12 @@ def test_rewards_are_a_measures_increase_or_a_function() -> None:
         env.step(still)
 
 
+def test_pettingzoo_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(UsageError, match=r"parallel_env\(\) needs .*pettingzoo: .*pip install"):
+        parallel_env("foraging")
+
+
 @pytest.mark.parametrize(
     ("experiment", "how", "words"),
     [
