@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,7 +26,46 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 PAGE = (ROOT / "vsense" / "studies" / "PYTHON.md").read_text()
-BLOCKS = re.findall(r"```python\n(.*?)```", PAGE, re.S)
+BLOCKS = re.findall(r"(?<!`:\n\n)```python\n(.*?)```", PAGE, re.S)
+FILES = dict(re.findall(r"`(\w+\.py)`:\n\n```python\n(.*?)```", PAGE, re.S))
+SHIPPED = ROOT / "vsense" / "config" / "experiments"
+
+
+def teach(**how: int) -> Any:
+    """What learn.py of the page has learnt, and the file's functions."""
+    names: dict[str, Any] = {}
+    exec(FILES["learn.py"], names)
+    return names["learn"](**how), names
+
+
+def test_the_page_teaches_a_swarm_which_then_drives(folder: Path) -> None:
+    weights, names = teach(generations=2, pairs=2)
+    assert weights.shape == (20,) and names["distance_m"](weights, 1) > 0.0
+    np.save("learnt.npy", weights)
+    (folder / "learnt.py").write_text(FILES["learnt.py"])
+    (folder / "loops.py").write_bytes((SHIPPED / "phototaxis.py").read_bytes())
+    text = (SHIPPED / "phototaxis.argos").read_text()
+    text = text.replace('library="phototaxis.py"', 'library="loops.py"')
+    text = text.replace('library="phototaxis"', 'library="learnt.py"')
+    (folder / "learnt.argos").write_text(re.sub(r"<params .*/>", "", text))
+    run = load_experiment("learnt.argos", robots=5, duration_s=30).simulate(1, "out")
+    with vsense.SteppedSimulation(names["EXPERIMENT"], 1) as sim:
+        light = sim.swarm.sensor("light")
+        while not sim.done:
+            assert np.array_equal(sim.poses, run.poses[sim.timestep])
+            left, right = 1000 * names["wheels"](weights, light.values).T
+            sim.swarm.set_wheels(left, right)
+            sim.step()
+
+
+@pytest.mark.campaign
+def test_a_swarm_learns_to_go_to_the_light() -> None:
+    weights, names = teach()
+    with_light, blind = (
+        np.mean([names["distance_m"](weights, seed, blind) for seed in range(1, 6)])
+        for blind in (False, True)
+    )
+    assert with_light < 0.2 < 0.8 < blind
 
 
 @pytest.mark.parametrize("number", range(len(BLOCKS)))
