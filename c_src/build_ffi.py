@@ -43,7 +43,8 @@ class Library(NamedTuple):
         module: its name.
         folders: where its C files are.
         headers: those that Python sees, each after those that it builds on.
-        layouts: those of them whose structures only are seen: others embed them.
+        layouts: those of them whose structures only are seen: others embed them, or the functions
+            are in what is loaded later (`vsense/robots/inprocess.py`).
         robot_only: sources in the folders that are no part of it.
         besides: further files that it depends on.
     """
@@ -78,7 +79,7 @@ class Library(NamedTuple):
             f"static const char *vs_built_hash(void)\n"
             f'{{\n    return "{digest(ROOT, files)}";\n}}\n',
             sources=self.files("*.c"),
-            include_dirs=list(self.folders),
+            include_dirs=sorted({*self.folders, *(str(Path(h).parent) for h in self.headers)}),
             libraries=["m"],
             extra_compile_args=FLAGS,
             extra_link_args=["-s"],
@@ -116,13 +117,16 @@ NATIVE = Library(
         "firmware_bridge/fw_york.h",
         "firmware_bridge/fw_boards.h",
         "firmware_bridge/fw_imu.h",
+        "robot/inprocess.h",
     ),
     layouts=(
+        "robot/inprocess.h",
         "firmware_bridge/fw_watchdog.h",
         "firmware_bridge/fw_body.h",
         "firmware_bridge/fw_uart.h",
     ),
     robot_only=("vs_posix", "vs_io", "vs_i2c", "vs_i2c_posix", "vs_format"),
+    besides=("robot/inprocess.h",),
 )
 
 KERNELS = Library(
@@ -132,6 +136,7 @@ KERNELS = Library(
         "c_src/host/vs_crash.h",
         "c_src/host/vs_latest.h",
         "c_src/host/vs_view.h",
+        "c_src/host/vs_search.h",
         "c_src/host/vs_markers.h",
         "c_src/host/vs_words.h",
         "c_src/host/vs_codes.h",
@@ -152,7 +157,7 @@ KERNELS = Library(
         "c_src/host/vs_physics.h",
         "c_src/host/vs_ring.h",
         "c_src/host/vs_sprites.h",
-        "c_src/host/vs_loop.h",
+        "c_src/host/vs_cxx.h",
         "c_src/host/vs_sim.h",
     ),
     layouts=("c_src/host/vs_noticed.h",),

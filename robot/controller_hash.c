@@ -5,4 +5,9 @@
 #define VSENSED_CONTROLLER_HASH ""
 #endif
 
+#ifndef VSENSED_SOURCES
+#define VSENSED_SOURCES ""
+#endif
+
+const char vsensed_version[VS_NAME_MAX + 1] = VSENSED_VERSION VSENSED_SOURCES;
 const char vsensed_controller_hash[VS_NAME_MAX + 1] = VSENSED_CONTROLLER_HASH;

@@ -3,6 +3,7 @@
 
 #include <string.h>
 
+#include "hosted.h"
 #include "loop.h"
 #include "../c_src/epuck_argos.h"
 #include "../c_src/vs_offer.h"
@@ -317,6 +318,30 @@ void vs_inprocess_end(struct vs_inprocess *all)
         vs_loop_end(&all->minds[i].loop);
     }
     all->progress->robot = 0;
+}
+
+uint32_t vs_inprocess_robots(const struct vs_inprocess *all)
+{
+    return all->robots;
+}
+
+struct vs_robot *vs_inprocess_robot(const struct vs_inprocess *all, uint32_t robot)
+{
+    return (struct vs_robot *)&all->minds[robot].loop.robot;
+}
+
+void vs_hosted_sense(struct vs_inprocess *all, const struct vs_inprocess_timestep *now)
+{
+    uint32_t i;
+
+    for (i = 0; i < all->robots; i++) {
+        struct vs_robot *robot = &all->minds[i].loop.robot;
+
+        hear(&all->minds[i], i, now);
+        roll(&all->minds[i], now->now_ns);
+        read_base(&robot->base, &all->minds[i], i, now);
+        robot->base_ns = robot->now_ns = robot->session_ns = now->now_ns;
+    }
 }
 
 static void give_notes(const struct vs_robot *robot, uint8_t *shown,

@@ -13,6 +13,9 @@
 
 #define VSENSED_VERSION "0.1.0"
 
+/* The version, and behind a "+" the digest of the sources that the daemon was made of. */
+extern const char vsensed_version[VS_NAME_MAX + 1];
+
 /* Which source the controller was made of; empty: nobody said it. */
 extern const char vsensed_controller_hash[VS_NAME_MAX + 1];
 

@@ -278,7 +278,7 @@ static int open_session(struct vs_worker *w)
     memcpy(config.name, o->name, sizeof config.name);
     config.tag = o->tag;
     config.clock_slewed = (uint8_t)vs_posix_clock_is_slewed();
-    memcpy(config.version, VSENSED_VERSION, sizeof VSENSED_VERSION);
+    memcpy(config.version, vsensed_version, sizeof config.version);
     memcpy(config.hash, vsensed_controller_hash, sizeof config.hash);
     if (vs_random_fill(&config.started, sizeof config.started) != 0) {
         vs_report("cannot read /dev/urandom: %s", vs_trouble(errno));

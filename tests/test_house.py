@@ -234,6 +234,7 @@ def test_nothing_of_ours_uses_the_face() -> None:
     }
     assert users == {
         "vsense.config.experiments.start.start",
+        "vsense.config.experiments.start.start_controller",
         "vsense.config.experiments.start.crowd",
     }
 
@@ -312,7 +313,7 @@ def called_of_c(path: Path) -> list[str]:
 
 
 def test_what_c_shows_to_python_is_called() -> None:
-    """By the package, or by the properties and golden bytes of wire, session and base."""
+    """By the package, or by the properties of lines, and golden bytes of wire, session and base."""
     shown = {
         name
         for library in (lib, kernels)
@@ -320,7 +321,7 @@ def test_what_c_shows_to_python_is_called() -> None:
         if not isinstance(getattr(library, name), int | float)
     }
     assert {"vs_packet_open", "fw_york_advance", "vs_rays_blocked"} <= shown
-    folders = ("vsense", "tests/wire", "tests/firmware")
+    folders = ("vsense", "tests/wire", "tests/firmware", "tests/rigs")
     sources = [path for folder in folders for path in (ROOT / folder).rglob("*.py")]
     called = re.compile("|".join({name for path in sources for name in called_of_c(path)}))
     assert {name for name in shown if not called.fullmatch(name)} == set()
@@ -424,19 +425,19 @@ def test_functions_fit_a_screen() -> None:
 
 BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
-    "vsense in Python": (("vsense",), (".py",), 481, 97950, 400),
+    "vsense in Python": (("vsense",), (".py",), 492, 100600, 400),
     "the page": (("vsense",), (".js", ".css", ".html"), 45, 5900, 300),
-    "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 261, 28400, 400),
+    "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 266, 29000, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 34, 7100, 512),
-    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 623, 104000, 657),
+    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 627, 105000, 657),
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 
-CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 67100, 48, 19
+CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 68900, 48, 19
 """Lines of code in `vsense/`; imports between rooms, and between folders inside of rooms."""
-DOORS_MAX, NAMES_MAX = 186, 747
+DOORS_MAX, NAMES_MAX = 191, 765
 """Modules that another room imports, and names taken from them."""
-SPLATS_MAX, OUTSIDE_MAX = 10, 223
+SPLATS_MAX, OUTSIDE_MAX = 10, 224
 """Calls `f(*(a, b))`; attributes that are assigned from outside of their object."""
 
 

@@ -16,7 +16,12 @@ if TYPE_CHECKING:
     from vsense.modes.lab.truth import read_truth
     from vsense.modes.sim.engine import Engine
     from vsense.modes.sim.job import Setup, Sweep
+    from vsense.modes.sim.stepping import SteppedSimulation
     from vsense.monitor.recording.reader import open_recording
+    from vsense.robots.python_robot import Robot
+    from vsense.robots.python_swarm import Leds, Swarm
+    from vsense.studies.notebook import LoadedExperiment, RunTable, SimulatedRun, parallel_env
+    from vsense.studies.notebook import load_experiment as load
     from vsense.studies.report.report import make_report
     from vsense.studies.series.campaign import Campaign
     from vsense.studies.series.campaign import run as run_campaign
@@ -37,11 +42,18 @@ PLACES = {
     "Element": "vsense.base.xml.element",
     "Engine": "vsense.modes.sim.engine",
     "Floor": "vsense.world.fields",
+    "Leds": "vsense.robots.python_swarm",
     "Light": "vsense.world.entities",
+    "LoadedExperiment": "vsense.studies.notebook",
+    "Robot": "vsense.robots.python_robot",
     "Robots": "vsense.world.sensors.base",
+    "RunTable": "vsense.studies.notebook",
     "Scale": "vsense.world.sensors.quality",
     "Scope": "vsense.world.sensors.base",
     "Setup": "vsense.modes.sim.job",
+    "SimulatedRun": "vsense.studies.notebook",
+    "SteppedSimulation": "vsense.modes.sim.stepping",
+    "Swarm": "vsense.robots.python_swarm",
     "Sweep": "vsense.modes.sim.job",
     "VirtualActuator": "vsense.world.actuators.base",
     "VirtualRobot": "vsense.world.entities",
@@ -50,8 +62,10 @@ PLACES = {
     "World": "vsense.world.world",
     "Zone": "vsense.world.entities",
     "interruption": "vsense.base.terminal",
+    "load": "vsense.studies.notebook:load_experiment",
     "make_report": "vsense.studies.report.report",
     "open_recording": "vsense.monitor.recording.reader",
+    "parallel_env": "vsense.studies.notebook",
     "read_truth": "vsense.modes.lab.truth",
     "run_campaign": "vsense.studies.series.campaign:run",
 }
@@ -66,11 +80,18 @@ __all__ = [
     "Element",
     "Engine",
     "Floor",
+    "Leds",
     "Light",
+    "LoadedExperiment",
+    "Robot",
     "Robots",
+    "RunTable",
     "Scale",
     "Scope",
     "Setup",
+    "SimulatedRun",
+    "SteppedSimulation",
+    "Swarm",
     "Sweep",
     "VirtualActuator",
     "VirtualRobot",
@@ -79,8 +100,10 @@ __all__ = [
     "World",
     "Zone",
     "interruption",
+    "load",
     "make_report",
     "open_recording",
+    "parallel_env",
     "read_truth",
     "run_campaign",
 ]

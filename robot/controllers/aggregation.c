@@ -65,11 +65,11 @@ static void init(void *state, struct vs_robot *robot)
     s->floor = vs_robot_sensor(robot, "rgb_ground");
     s->others = vs_robot_sensor(robot, "leds");
     s->lamp = vs_robot_actuator(robot, "led_color");
-    s->wanted[0] = vs_robot_param(robot, "red", 0.0);
-    s->wanted[1] = vs_robot_param(robot, "green", 255.0);
-    s->wanted[2] = vs_robot_param(robot, "blue", 0.0);
-    s->tolerance = vs_robot_param(robot, "tolerance", 60.0);
-    s->stop_probability = vs_robot_param(robot, "stop_probability", 0.06);
+    s->wanted[0] = vs_robot_param_in(robot, "red", 0.0, 0, 255);
+    s->wanted[1] = vs_robot_param_in(robot, "green", 255.0, 0, 255);
+    s->wanted[2] = vs_robot_param_in(robot, "blue", 0.0, 0, 255);
+    s->tolerance = vs_robot_param_in(robot, "tolerance", 60.0, 0, INT_MAX);
+    s->stop_probability = vs_robot_param_in(robot, "stop_probability", 0.06, 0, 1);
     vs_walk_init(&s->walk, robot);
 }
 

@@ -38,9 +38,9 @@ static void init(void *state, struct vs_robot *robot)
     s->home = vs_robot_sensor(robot, "destination");
     s->pheromone = vs_robot_sensor(robot, "pheromone");
     s->gland = vs_robot_actuator(robot, "pheromone_release");
-    s->release = vs_robot_param(robot, "release", 1.0);
-    s->trail = vs_robot_param(robot, "trail", 3.0);
-    s->pull = vs_robot_param(robot, "pull", 0.05);
+    s->release = vs_robot_param_in(robot, "release", 1.0, 0, INT_MAX);
+    s->trail = vs_robot_param_in(robot, "trail", 3.0, 0, INT_MAX);
+    s->pull = vs_robot_param_in(robot, "pull", 0.05, 0, INT_MAX);
     vs_walk_init(&s->walk, robot);
     vs_robot_show(robot, "delivered", 0.0);
 }

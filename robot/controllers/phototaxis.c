@@ -77,8 +77,8 @@ static void init(void *state, struct vs_robot *robot)
     struct moth *s = state;
 
     s->light = vs_robot_sensor(robot, "light");
-    s->enough = vs_robot_param(robot, "enough", 8.0);
-    s->least = vs_robot_param(robot, "least", 0.02);
+    s->enough = vs_robot_param_in(robot, "enough", 8.0, 0, INT_MAX);
+    s->least = vs_robot_param_in(robot, "least", 0.02, 0, INT_MAX);
     vs_walk_init(&s->walk, robot);
 }
 

@@ -28,6 +28,7 @@ SECTIONS: dict[str, tuple[str, ...]] = {
         "reference/world.md",
         "robot/README.md",
         "vsense/modes/sim/README.md",
+        "vsense/studies/PYTHON.md",
         "reference/commands.md",
     ),
     "In the lab": (

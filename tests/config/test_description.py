@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -99,6 +100,20 @@ def test_loading_as_it_is_asked_for() -> None:
 
 def test_what_is_described_is_all() -> None:
     assert list(asked(strict=True).described(False)) == [describe(load("pollutant"))]
+
+
+@pytest.mark.parametrize("stage", [Stage.SIM, Stage.LAB])
+def test_robots_that_find_no_room_are_reported_without_a_run(tmp_path: Path, stage: Stage) -> None:
+    path = tmp_path / "far.argos"
+    words = ARGOS.read_text().splitlines()
+    there = next(n for n, text in enumerate(words) if "<position" in text)
+    words[there] = '<position method="uniform" min="5,5,0" max="6,6,0" />'
+    path.write_text("\n".join(words))
+    described = ExperimentOptions(str(path), stage).described(False)
+    assert "\n  robots " in next(described)
+    with pytest.raises(ConfigError, match="outside of the arena") as caught:
+        next(described)
+    assert (caught.value.file, caught.value.line) == (str(path), there + 3)  # the <entity>
 
 
 def test_strict_refuses_what_is_not_supported() -> None:

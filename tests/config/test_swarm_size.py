@@ -98,6 +98,15 @@ def test_another_quantity_takes_the_files_tags_as_far_as_they_go() -> None:
     assert many.robots == grown("foraging", 20).robots
 
 
+@pytest.mark.parametrize("stage", [Stage.SIM, Stage.LAB, Stage.RUN])
+def test_a_quantity_and_a_number_of_robots_are_refused_together(stage: Stage) -> None:
+    settings, casting = {"entity.quantity": "10"}, Casting(limit=50)
+    with pytest.raises(UsageError, match=r"^50 robots .*'entity.quantity' says how many"):
+        load("foraging", settings=settings, stage=stage, casting=casting)
+    things = load("pollutant", settings={"arena.size": "6,6,1"}, casting=Casting(limit=3))
+    assert len(first_robots(things, 3).robots) == 3
+
+
 def test_a_quantity_and_tags_in_the_file_must_agree(tmp_path: Path) -> None:
     path = edited(tmp_path, ('quantity="15"', 'quantity="16"'))
     with pytest.raises(ConfigError, match="has 15 tags, expected 16 as in quantity"):

@@ -21,7 +21,7 @@ HOST = C_SRC / "host"
 PICTURES = [
     HOST / f"vs_{part}.c"
     for part in (
-        *("math", "lens", "levels", "scan", "shape", "outline", "edges"),
+        *("math", "lens", "levels", "scan", "shape", "corners", "outline", "edges"),
         *("sums", "words", "square", "codes", "markers"),
     )
 ]
@@ -35,7 +35,7 @@ KERNEL_SUITES = {
     "test_leds": [*RAYS, HOST / "vs_leds.c"],
     "test_devices": [
         *RAYS,
-        *(HOST / f"vs_{part}.c" for part in ("camera", "hearing", "hearing_noise", "libm", "loop")),
+        *(HOST / f"vs_{part}.c" for part in ("camera", "hearing", "hearing_noise", "libm", "cxx")),
         *(HOST / f"vs_{part}.c" for part in ("noticed", "proximity")),
     ],
     "test_world": [
@@ -46,7 +46,7 @@ KERNEL_SUITES = {
     "test_sim": [
         *RAYS,
         *PHYSICS[1:],
-        *(HOST / f"vs_{p}.c" for p in ("world", "scene", "field", "slip", "loop", "sim")),
+        *(HOST / f"vs_{p}.c" for p in ("world", "scene", "field", "slip", "cxx", "sim")),
     ],
 }
 """C test -> the kernel's files: none needs another kernel's."""

@@ -9,7 +9,9 @@ import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -17,6 +19,7 @@ from tests.conftest import require_tool
 from tests.rigs.compiling import counting_compiler
 from vsense.base.errors import UsageError
 from vsense.robots import build
+from vsense.robots.compiling import Toolchain
 
 
 @pytest.fixture(autouse=True)
@@ -64,7 +67,7 @@ def test_shared_object_is_built_once_and_shows_only_its_own_door(tmp_path: Path)
     command = [require_tool("nm", "binutils"), "-D", "--defined-only", str(first)]
     listed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     names = {line.split()[-1] for line in listed.splitlines()}
-    assert names and all(name.startswith("vs_inprocess_") for name in names)
+    assert names and all(name.startswith(("vs_inprocess_", "vs_hosted_")) for name in names)
     source.write_text(source.read_text() + "\n/* edited */\n")
     assert build.shared("mine.c", tmp_path) != first
 
@@ -90,6 +93,47 @@ def test_an_edited_header_of_the_users_own_makes_a_new_build(tmp_path: Path, nam
     assert second != first
     header.write_text("#define MINE 1\n")
     assert build.daemon("mine.c", tmp_path) == first
+
+
+def aged(folder: Path) -> None:
+    """What is in a folder was changed long ago."""
+    for path in (*folder.iterdir(), folder):
+        os.utime(path, ns=(10**18, 10**18 + len(list(folder.iterdir()))))
+
+
+@pytest.mark.usefixtures("instant")
+def test_a_build_that_is_there_is_found_without_a_compiler_until_a_file_or_folder_changes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked, run = list[str](), Toolchain.run
+
+    def counted(self: Toolchain, arguments: Sequence[str]) -> Any:
+        asked.append(arguments[-1])
+        return run(self, arguments)
+
+    def daemon() -> tuple[Path, list[str]]:
+        asked.clear()
+        return build.daemon("mine.c", own), [word.rpartition("/")[2] for word in asked]
+
+    monkeypatch.setattr(Toolchain, "run", counted)
+    own = tmp_path / "own"
+    own.mkdir()
+    source = own_controller(own)
+    daemon()
+    assert daemon()[1] == ["mine.c"], "it was changed a moment ago"
+    aged(own)
+    first, _ = daemon()
+    assert daemon() == (first, [])
+    ours = build.source_tree().root / "robot" / "controller.h"
+    (own / "controller.h").write_text(f"{ours.read_text()}/* mine */\n")
+    aged(own)
+    second, words = daemon()
+    assert second != first and words == ["mine.c"], "its own header goes before ours"
+    assert daemon() == (second, [])
+    (own / "controller.h").unlink()
+    assert daemon() == (first, ["mine.c"])
+    source.write_text(f"/* edited */\n{source.read_text()}")
+    assert daemon()[0] not in (first, second)
 
 
 @pytest.mark.usefixtures("instant")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import json
 import os
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -17,9 +18,9 @@ from tests.robots.conftest import ROOT
 from vsense import cli
 from vsense.base.errors import UsageError
 from vsense.robots import boards
-from vsense.robots.build import source_tree
-from vsense.robots.compiling import HASH_DIGITS, BuildError, Toolchain
-from vsense.robots.sources import ProgramSources
+from vsense.robots.build import SourceTree, source_tree
+from vsense.robots.compiling import BuildError, Toolchain, native
+from vsense.robots.sources import HASH_DIGITS, ProgramSources, folders_digest
 
 POLLUTANT = ROOT / "robot" / "controllers" / "pollutant.c"
 
@@ -67,7 +68,8 @@ def test_arm_daemon_runs_on_the_oldest_board_and_says_what_it_is(arm_daemon: Pat
     command = [qemu, "-cpu", "arm926", str(arm_daemon), "--version"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)
     digest = source_tree().daemon(ProgramSources((POLLUTANT,))).controller_hash(boards.native())
-    assert done.stdout == f"vsensed 0.1.0, controller pollutant {digest}\n", done.stderr
+    own = folders_digest(source_tree().includes())
+    assert done.stdout == f"vsensed 0.1.0+{own}, controller pollutant {digest}\n", done.stderr
 
 
 def test_host_build_through_the_command(
@@ -121,6 +123,26 @@ def test_hash_is_of_the_controller_and_its_own_headers(tmp_path: Path) -> None:
 
     assert digest("a", "#define X 1\n") == digest("b", "#define X 1\n")
     assert digest("c", "#define X 2\n") != digest("d", "#define X 3\n")
+
+
+def test_a_daemon_tells_which_sources_it_was_made_of(tmp_path: Path) -> None:
+    """Whatever file of robot/ differs, and not the controller's."""
+    require_tool("cc", "build-essential")
+
+    def said(name: str, more: str) -> list[str]:
+        root = tmp_path / name
+        for folder in source_tree().includes():
+            shutil.copytree(folder, root / folder.name)
+        with open(root / "robot" / "talk.c", "a") as source:
+            source.write(more)
+        tree = SourceTree(root)
+        tree.daemon(tree.program("pollutant"), plain=True).link_daemon(native(), root / "vsensed")
+        asked = [str(root / "vsensed"), "--version"]
+        return subprocess.run(asked, capture_output=True, text=True, timeout=60).stdout.split()
+
+    first, same, other = said("a", ""), said("b", ""), said("c", "/* mended */\n")
+    assert first == same and re.fullmatch(r"0\.1\.0\+[0-9a-f]{12},", first[1])
+    assert other[1] != first[1] and other[2:] == first[2:]
 
 
 @pytest.mark.parametrize("name", ["epuck", "pi-puck", "aarch64"])

@@ -134,9 +134,9 @@ def test_each_robot_runs_its_own_program(experiment: Experiment) -> None:
     assert run.environment.world.entities["wolf"].x_m == pytest.approx(ways_m[1], rel=0.2)  # type: ignore[union-attr]
     words = sorted(text for _, text in run.record.events)
     assert words == [
-        "robot 1 (a_1_0): logged: sheep begins",
-        "robot 2 (b_2_1): logged: dog begins",
-        "robot 3 (c_3_2): logged: sheep begins",
+        "robot 1: logged: sheep begins",
+        "robot 2: logged: dog begins",
+        "robot 3: logged: sheep begins",
         f"virtual robot {WOLF}: logged: dog begins",
     ]
     complaints = run.complaints()

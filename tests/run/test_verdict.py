@@ -71,6 +71,9 @@ RUNS: list[tuple[dict[str, Any], VoidCriteria, str, str]] = [
     ({"changes": 1}, NO_PLAN, "", "its world was changed once by hand"),
     ({"changes": 3}, NO_PLAN, "", "its world was changed 3 times by hand"),
     ({"link_check": "robot 3 sleeps"}, NO_PLAN, "", "robot 3 sleeps"),
+    ({"failed": ["x"]}, NO_PLAN, "failed in mid-run: x", ""),
+    ({"failed": ["x"], "ended": "failed"}, NO_PLAN, "failed in mid-run: x", ""),
+    ({"failed": ["x"], "timesteps": False}, NO_PLAN, "nothing was measured: x", ""),
     ({"complaints": ["mine asks for x"]}, NO_PLAN, "", "mine asks for x"),
 ]
 

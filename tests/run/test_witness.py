@@ -111,12 +111,13 @@ def test_cameras_that_tremble_move_nobody() -> None:
 def test_who_they_are_and_what_they_run() -> None:
     witness = Witness(NAMES)
     told = both(
-        Telemetry(battery_mv=3700), uid=b"\x01" * 16, controller="walk", hash="abc", connected=True
-    )
+        Telemetry(battery_mv=3700), uid=b"\x01" * 16, controller="walk", hash="abc", connected=True,
+        version="0.1.0+0123",
+    )  # fmt: skip
     witness.observe(arena(0, {}), told, 0)
     assert witness.volts == [3.7]
     assert witness.uids[0] == "01" * 16
-    assert "walk=abc" in witness.programs
+    assert {"walk=abc", "vsensed=0.1.0+0123"} <= set(witness.programs)
 
 
 def seen_twice(first: RobotStatus, later: RobotStatus) -> RobotRecord:

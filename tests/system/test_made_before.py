@@ -9,10 +9,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.rigs.places import DATA
 from vsense import cli
+from vsense.studies.benchmark._definition import NEWEST
 
 OLD_NAMES = "ignore:vsense.*; the old name ends:FutureWarning"
 pytestmark = [pytest.mark.quick, pytest.mark.filterwarnings(OLD_NAMES)]
@@ -46,6 +48,32 @@ def test_its_readings_are_sensed_again_in_every_bit(
     words = ("--resense", "--experiment", made / "mine" / "mine.argos", "--json")
     code, out = vsense(capsys, "replay", made / "lab-run", *words)
     assert (code, json.loads(out)["different"]) == (0, 0)
+
+
+@pytest.mark.parametrize("mission", ["aggregation", "foraging", "phototaxis"])
+def test_its_missions_controllers_do_what_they_did(
+    made: Path, mission: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Later states of a definition's controllers count as the former (`_definition.LATER`)."""
+    former = made / "benchmark" / "definition" / f"{mission}.c"
+    experiment = NEWEST / f"{mission}.argos"
+    words = experiment.read_text()
+    (tmp_path / "was.c").write_bytes(former.read_bytes())
+    loop = former.with_suffix(".py")
+    before = words.replace(f'library="{mission}"', 'library="was.c"')
+    before = before.replace(f"../../experiments/{mission}.py", str(loop))
+    (tmp_path / "was.argos").write_text(before)
+    assert before.count("was.c") == before.count(str(loop)) == 1
+    for name, path in (("now", experiment), ("was", tmp_path / "was.argos")):
+        out = tmp_path / name
+        code, _ = vsense(capsys, "sim", path, "--duration", 60, "--output", out)
+        assert code == 0
+    with (
+        np.load(tmp_path / "was/trajectory.npz") as was,
+        np.load(tmp_path / "now/trajectory.npz") as now,
+    ):
+        assert was.files == now.files
+        assert all(np.array_equal(was[name], now[name]) for name in was.files)
 
 
 @pytest.mark.parametrize("run", ["lab-run", "tracked"])

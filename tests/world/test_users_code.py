@@ -9,8 +9,8 @@ from types import ModuleType
 import pytest
 
 from vsense.base.errors import VsenseError
+from vsense.base.users_code import UsersCode, line_of
 from vsense.world.entities import Zone
-from vsense.world.loop_functions import UsersCode, line_of
 from vsense.world.world import World
 
 NAME = "vsense_test_of_users_code"

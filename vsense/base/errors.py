@@ -18,6 +18,8 @@ EXTRAS = {
     "foxglove": "foxglove",
     "matplotlib": "report",
     "mcap": "record",
+    "pandas": "tables",
+    "pettingzoo": "learn",
     "scipy": "report",
     "ziglang": "robot",
     "zstandard": "record",

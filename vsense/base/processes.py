@@ -3,14 +3,22 @@
 `python -m` searches the current folder for modules before its own library: a user's `random.py` or
 `queue.py` would break vsense there, and a `numpy.py` of somebody else's would run. So whatever
 starts a Python module starts it with `python_module`.
+
+A fork of this process begins without all that: what is imported is there. It is safe only where
+nothing else goes on in the process (`ForkedProcess`).
 """
 
 from __future__ import annotations
 
+import importlib
 import os
 import signal
 import subprocess
 import sys
+import traceback
+from collections.abc import Callable, Collection, Sequence
+from contextlib import suppress
+from functools import partial
 from typing import IO, Any
 
 END_TIMEOUT_S = 5.0
@@ -27,6 +35,9 @@ _SAFE = ("-P", "-m") if sys.version_info >= (3, 11) else ("-c", LAUNCHER)
 
 Started = tuple[subprocess.Popen[bytes], IO[bytes], IO[bytes]]
 """A process, and the pipes to its standard input and from its standard output."""
+
+ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+"""A run keeps one processor busy; threads of libraries only get in each other's way."""
 
 
 def python_module(module: str) -> tuple[str, ...]:
@@ -45,6 +56,112 @@ def start_module(module: str, *arguments: str, **options: Any) -> Started:
     )
     assert process.stdin is not None and process.stdout is not None
     return process, process.stdin, process.stdout
+
+
+class ForkedProcess:
+    """A fork of this process in a session of its own, with what `subprocess.Popen` has, too.
+
+    Attributes:
+        allowed: this process is a command's, to which everything in it belongs.
+    """
+
+    allowed = False
+
+    def __init__(
+        self, work: Callable[[], int], stdin: int, stdout: int, shared: Collection[int]
+    ) -> None:
+        """Forks; the fork calls `work`, and ends with the code that it gives.
+
+        Of open descriptors it has `stdin`, `stdout`, standard error and those of `shared`.
+        """
+        self._returncode: int | None = None
+        for stream in (sys.stdout, sys.stderr):  # what waits there is printed once
+            with suppress(AttributeError, OSError):  # it may be closed, or there is none
+                stream.flush()
+        self.pid = os.fork()
+        if self.pid == 0:
+            code = 1
+            try:
+                _forget_parent(stdin, stdout, shared)
+                code = work()
+            except BaseException:
+                traceback.print_exc()
+            finally:
+                os._exit(code)
+
+    @classmethod
+    def allow(cls) -> None:
+        """Makes this process one that may be forked: it is a command's, and has one thread.
+
+        Is called before NumPy is imported, whose library starts a thread for each processor.
+        """
+        os.environ.update(ONE_THREAD)
+        cls.allowed = True
+
+    @classmethod
+    def is_safe(cls) -> bool:
+        """Whether a fork would be whole: another thread, and what it holds, would be gone."""
+        return cls.allowed and len(os.listdir("/proc/self/task")) == 1
+
+    def poll(self) -> int | None:
+        """The exit code, negative that of a signal; None: it runs."""
+        return self._wait(os.WNOHANG)
+
+    def wait(self) -> int:
+        """Waits for its end; gives what `poll` gives then."""
+        code = self._wait(0)
+        assert code is not None
+        return code
+
+    def _wait(self, flags: int) -> int | None:
+        if self._returncode is None:
+            pid, status = os.waitpid(self.pid, flags)
+            if pid:
+                self._returncode = os.waitstatus_to_exitcode(status)
+        return self._returncode
+
+
+def begin_worker(
+    module: str, shared: Sequence[int], fresh: bool
+) -> tuple[subprocess.Popen[bytes] | ForkedProcess, IO[bytes], IO[bytes]]:
+    """Begins a process with one thread that does what a module's `run` does with descriptors.
+
+    It is a fork where that is safe and it need not be `fresh`, and else `start_module`'s, with the
+    descriptors as arguments. Gives the process, and the pipes as in `Started`.
+    """
+    if fresh or not ForkedProcess.is_safe():
+        environment = {**os.environ, **ONE_THREAD}
+        return start_module(module, *map(str, shared), pass_fds=shared, env=environment)
+    work = partial(importlib.import_module(module).run, *shared)
+    source, jobs = os.pipe()
+    answers, target = os.pipe()
+    try:
+        process = ForkedProcess(work, source, target, shared)
+    finally:
+        os.close(source)
+        os.close(target)
+    return process, os.fdopen(jobs, "wb"), os.fdopen(answers, "rb")
+
+
+def _forget_parent(stdin: int, stdout: int, shared: Collection[int]) -> None:
+    """In a fork: leaves it as a Python that was started by `start_module` is.
+
+    Descriptors keep their numbers: objects of the parent's that are left close only their own.
+    """
+    os.setsid()
+    for number in signal.valid_signals():
+        if callable(signal.getsignal(number)):
+            signal.signal(number, signal.SIG_DFL)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    os.dup2(stdin, 0)
+    os.dup2(stdout, 1)
+    null = os.open(os.devnull, os.O_RDWR)
+    for descriptor in map(int, os.listdir("/proc/self/fd")):
+        if descriptor > 2 and descriptor not in {null, *shared}:
+            os.dup2(null, descriptor, inheritable=False)
+    # What lies beside the program is no module, as with `-P`.
+    beside = os.path.dirname(os.path.realpath(sys.argv[0]))
+    sys.path[:1] = [folder for folder in sys.path[:1] if folder != beside]
 
 
 def end(process: subprocess.Popen[Any], timeout_s: float = END_TIMEOUT_S) -> None:

@@ -12,7 +12,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from queue import Empty, SimpleQueue
 from types import FrameType
@@ -312,10 +312,24 @@ def aligned(rows: Sequence[Sequence[str]], left: int | None = None) -> list[str]
 
 _UNITS = ("m", "s", "rad", "deg")
 """In which names of measures end."""
+_RENAMED = {"lit_in_cone": "LEDs on in cone"}
+"""Measures that have the names of older recordings."""
+
+
+MAX_LISTED_NAMES = 6
+"""So many names are listed, then only how many more there are."""
+
+
+def shorten(names: Iterable[str]) -> str:
+    """Names in one line, the first few of many."""
+    listed = list(names)
+    more = len(listed) - MAX_LISTED_NAMES
+    return ", ".join(listed[:MAX_LISTED_NAMES]) + (f" and {more} more" if more > 0 else "")
 
 
 def spoken(name: str) -> str:
     """A measure's name for people; names end in their unit."""
+    name = _RENAMED.get(name, name)
     words, _, unit = name.rpartition("_")
     if words and unit in _UNITS:
         return f"{words.replace('_', ' ')} [{unit}]"

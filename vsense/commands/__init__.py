@@ -216,7 +216,7 @@ def parser(words: Sequence[str]) -> argparse.ArgumentParser:
         raise UsageError(f"there is no command {called!r} any more: {REMOVED[called]}")
     if called and called not in names():
         raise UsageError(f"there is no command {called!r}; {_meant(called)}")
-    for name in names():
+    for name in [called] if called else names():
         full = FORMER_COMMANDS.get(name, name)
         command = commands.add_parser(name, prog=f"vsense {full}", formatter_class=HelpFormatter)
         if name == called:

@@ -9,13 +9,15 @@ import re
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import fields
-from ipaddress import IPv4Address
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 from vsense.base.errors import UsageError
-from vsense.monitor.ui.access import FOXGLOVE_PORT, FoxgloveAddress, WebAddress
+from vsense.monitor.foxglove import FOXGLOVE_PORT
 from vsense.robots.sources import CodeOptions
+
+if TYPE_CHECKING:
+    from vsense.monitor.ui.access import WebAddress
 
 Options = TypeVar("Options")
 
@@ -165,16 +167,6 @@ def address(text: str) -> tuple[str, int]:
     return host.strip("[]") or "127.0.0.1", port(number)
 
 
-def ipv4(text: str) -> str:
-    """A numeric IPv4 address, as `vsensed --host` takes it."""
-    try:
-        return str(IPv4Address("127.0.0.1" if text == "localhost" else text))
-    except ValueError:
-        raise argparse.ArgumentTypeError(
-            f"'{text}': expected a numeric IPv4 address, such as 10.0.0.1"
-        ) from None
-
-
 def tracker(text: str) -> tuple[str, int]:
     """A tracker: ADDRESS:PORT, or lines[:PORT] for one that connects; ("", 0): its usual port."""
     host, colon, number = text.rpartition(":")
@@ -313,11 +305,6 @@ def add_foxglove(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def foxglove_of(options: argparse.Namespace) -> FoxgloveAddress | None:
-    """Returns what `add_foxglove` declares: where Foxglove is served, None: nowhere."""
-    return None if options.foxglove is None else FoxgloveAddress(*options.foxglove)
-
-
 ONE_CAMERA = "all pictures are of this camera, whatever their folders"
 INSECURE_PAGE = "other machines may open the page with plain HTTP, in which tokens can be heard"
 
@@ -328,9 +315,21 @@ def web_of(options: argparse.Namespace) -> WebAddress | None:
         raise UsageError("--web-key is the key of a certificate: give that with --web-cert")
     if options.web is None:
         return None
+    from vsense.monitor.ui.access import WebAddress
+
     host, port = options.web
     files = (options.web_tokens, options.web_cert, options.web_key)
     return WebAddress(host, port, *files, options.insecure)
+
+
+def doors_of(options: argparse.Namespace) -> dict[str, Any]:
+    """Returns what `add_web` and `add_foxglove` declare: where both are served, None: nowhere."""
+    foxglove = options.foxglove
+    if foxglove is not None:
+        from vsense.monitor.ui.access import FoxgloveAddress
+
+        foxglove = FoxgloveAddress(*foxglove)
+    return {"web": web_of(options), "foxglove": foxglove}
 
 
 def add_action(actions: Any, name: str, text: str) -> argparse.ArgumentParser:

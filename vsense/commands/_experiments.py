@@ -137,7 +137,7 @@ def room_of(options: argparse.Namespace) -> RoomOptions:
     """Returns what `add_room` declares; raises as `RoomOptions.check`, before anything is built."""
     from vsense.monitor.ui.room import RoomOptions
 
-    doors = {"web": _arguments.web_of(options), "foxglove": _arguments.foxglove_of(options)}
+    doors = _arguments.doors_of(options)
     room = _arguments.fill(RoomOptions, options, **doors, series=None, tokens=None)
     room.check()
     return room

@@ -5,13 +5,16 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Collection
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from vsense.base.errors import UsageError
 from vsense.commands import _arguments
 from vsense.config import roster
 from vsense.config.casting import Casting, Pair, pair
 from vsense.config.roster import FILE_NAME, Roster, RosterRobot
-from vsense.robots.deploying import RobotHost
+
+if TYPE_CHECKING:
+    from vsense.robots.deploying import RobotHost
 
 HERE = f"(default: {FILE_NAME} in the current folder, where there is one)"
 
@@ -105,6 +108,8 @@ def chosen(
 
 def board_of(robot: RosterRobot) -> RobotHost:
     """What `vsense robot deploy` knows of a robot: how it is reached, and vsensed's settings."""
+    from vsense.robots.deploying import RobotHost  # a simulation asks no board
+
     board = {_SETTINGS.get(name, name): value for name, value in robot.board.items()}
     own = {"tag": str(robot.tag), "name": robot.name, "uid": robot.uid}
     settings = {name: value for name, value in own.items() if value}

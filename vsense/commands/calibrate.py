@@ -8,13 +8,16 @@ import re
 from pathlib import Path
 from typing import Any
 
+from vsense.base.errors import UsageError
 from vsense.commands import _arguments
+from vsense.config import tracking_session
 from vsense.config.experiment import load, of_folder
 from vsense.config.specs import Stage
 from vsense.modes.lab import board_studio
 from vsense.vision.calibration import checking, session
 from vsense.vision.calibration.checking import CheckOptions
 from vsense.vision.calibration.session import LensOptions, RigOptions
+from vsense.vision.tracking.specs import TrackingSession
 
 DESCRIPTION = (
     "Calibrates cameras from pictures of a printed board: print one with `board`, take pictures,"
@@ -57,12 +60,23 @@ def run(options: argparse.Namespace) -> int:
         above = None if options.experiment is None else load(options.experiment, stage=Stage.LAB)
         return board_studio.write(options.directory, options.board, options.seed, above)
     if options.step == "check":
-        return checking.run(_arguments.fill(CheckOptions, options))
+        tracking = _session(options.tracking) if options.tracking else None
+        arena_m = None
+        if options.experiment is not None:
+            arena_m = load(options.experiment, stage=Stage.LAB).arena.corners_m
+        given = {"tracking": tracking, "arena_m": arena_m}
+        return checking.run(_arguments.fill(CheckOptions, options, **given))
     if options.step == "board":
         return session.print_board(options.board, options.output)
     if options.step == "intrinsics":
         return session.intrinsics(_arguments.fill(LensOptions, options))
     return session.rig(_arguments.fill(RigOptions, options))
+
+
+def _session(files: list[str]) -> TrackingSession:
+    if len(files) > 2:
+        raise UsageError("--tracking: expected a folder, or resources and an experiment file")
+    return tracking_session.load(*files) if files[1:] else tracking_session.load_whole(*files)
 
 
 def _add_board(steps: Any) -> None:
@@ -127,13 +141,23 @@ def _add_check(steps: Any) -> None:
         help="say how true the calibration in use is, by measured points or a second board",
         description="Holds what the cameras see against points that were measured with a tape, or"
         " against a second board on the floor; prints how far off each camera is, and keeps that"
-        " beside the camera files: later runs, recordings and reports show it.",
+        " beside the camera files: later runs, recordings and reports show it. --tracking shows"
+        " where cameras cannot read the robots' markers, and needs no points.",
     )
     text = "folder with the camera files in use (default: cameras)"
     _arguments.option(step, "--cameras", Path, "DIR", text, Path("cameras"))
     _add_measured(step)
     _add_second_board(step)
     _add_pictures(step)
+    step.add_argument(
+        "--tracking",
+        nargs="+",
+        metavar="FILE",
+        help="paint in report/legible.png where each camera shows the markers too small to be read,"
+        " and say it: resources and experiment file of vsense camera track, or their folder",
+    )
+    text = "only in its arena: a shipped experiment's name, or the path of a .argos file"
+    _arguments.option(step, "--experiment", of_folder, "NAME", text)
     text = "fail (1) where a point is farther off, such as 5mm"
     _arguments.option(step, "--limit", _arguments.length_m, "LENGTH", text)
     _arguments.flag(step, "--json", "print the check as one JSON object on standard output")

@@ -10,9 +10,9 @@ from vsense.commands import _arguments
 from vsense.tools.shipped import templates
 
 DESCRIPTION = (
-    "Makes a folder with an experiment of your own: the .argos file, the robots' controller in C,"
-    " loop functions in Python that measure, and a README that explains them line by line. It runs"
-    " as it is made; then change it. The names of the files go to standard output."
+    "Makes a folder with an experiment of your own: the .argos file, the robots' controller in C or"
+    " in Python, loop functions in Python that measure, and a README that explains them line by"
+    " line. It runs as it is made; then change it. The names of the files go to standard output."
 )
 
 
@@ -34,11 +34,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     text = "add a virtual sensor of your own, in Python, which the controller reads"
     _arguments.flag(parser, "--sensor", text)
+    text = "the controller is in Python: it drives simulated and virtual robots, no real ones"
+    _arguments.flag(parser, "--python", text)
 
 
 def run(options: argparse.Namespace) -> int:
     """Makes the files; says how to run them."""
-    files = templates.make(options.folder, options.source, options.sensor)
+    files = templates.make(options.folder, options.source, options.sensor, options.python)
     print_data("\n".join(map(str, files)))
     readme = options.folder / "README.md"
     Console().say(f"vsense: now: vsense sim {files[0]}    {readme} explains it all")

@@ -61,7 +61,7 @@ def run(options: argparse.Namespace) -> int:
 
     if options.json and not (options.retrack or options.resense):
         raise UsageError("--json belongs to --retrack and --resense")
-    doors = {"web": _arguments.web_of(options), "foxglove": _arguments.foxglove_of(options)}
+    doors = _arguments.doors_of(options)
     wanted = _arguments.fill(ReplayOptions, options, **doors, settings=dict(options.set))
     with interruption() as interrupted:
         comparison = replay(options.file, wanted, Console(), interrupted)

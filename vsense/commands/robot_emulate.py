@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import shlex
 from contextlib import closing
+from ipaddress import IPv4Address
 from pathlib import Path
 
 from vsense.base.errors import UsageError
@@ -52,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _add_ends(parser: argparse.ArgumentParser) -> None:
     text = "numeric IPv4 address of the machine with `vsense run` (default: the file's vss_host)"
-    _arguments.option(parser, "--host", _arguments.ipv4, "ADDRESS", text)
+    _arguments.option(parser, "--host", _ipv4, "ADDRESS", text)
     _arguments.option(
         parser, "--port", _arguments.port, "P", "its port for robots (default: the file's vss_port)"
     )
@@ -61,6 +62,16 @@ def _add_ends(parser: argparse.ArgumentParser) -> None:
         f" {LINES_PORT})"
     )
     _arguments.option(parser, "--tracker-port", _arguments.port, "P", text)
+
+
+def _ipv4(text: str) -> str:
+    """A numeric IPv4 address, as `vsensed --host` takes it."""
+    try:
+        return str(IPv4Address("127.0.0.1" if text == "localhost" else text))
+    except ValueError:
+        raise argparse.ArgumentTypeError(
+            f"'{text}': expected a numeric IPv4 address, such as 10.0.0.1"
+        ) from None
 
 
 def run(options: argparse.Namespace) -> int:

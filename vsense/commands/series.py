@@ -97,7 +97,7 @@ def options_of(
     Raises as `RoomOptions.check`, before anything is built.
     """
     # Every run is a series' and begins by itself.
-    doors = {"web": _arguments.web_of(options), "foxglove": _arguments.foxglove_of(options)}
+    doors = _arguments.doors_of(options)
     once = {"hold": False, "runs": 1, "series": None, "tokens": None}
     room = _arguments.fill(RoomOptions, options, **doors, **once)
     if not options.dry:

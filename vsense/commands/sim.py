@@ -8,9 +8,7 @@ from pathlib import Path
 from vsense.base.errors import UsageError
 from vsense.commands import _arguments, _experiments, report
 from vsense.config.specs import Stage
-from vsense.modes.sim import experiment
-from vsense.modes.sim.experiment import SimOptions
-from vsense.modes.sim.job import Sweep
+from vsense.modes.sim.job import SimOptions, Sweep
 
 DESCRIPTION = (
     "Runs an experiment in this machine alone: the same controller, compiled once and run in one"
@@ -108,10 +106,14 @@ def run(options: argparse.Namespace) -> int:
     _check(options, sweep.seeds is not None)
     asked = _experiments.options_of(options, Stage.SIM, sweep.first)
     if sweep.seeds is None:
-        doors = {"web": _arguments.web_of(options), "foxglove": _arguments.foxglove_of(options)}
+        doors = _arguments.doors_of(options)
         single = _arguments.fill(SimOptions, options, experiment=asked, **doors)
         single.check()
-        return 0 if _experiments.is_dry(options, asked) else experiment.run(single)
+        if _experiments.is_dry(options, asked):
+            return 0
+        from vsense.modes.sim import experiment  # what is only described waits for no simulation
+
+        return experiment.run(single)
     from vsense.studies.series import campaign  # a single run begins sooner without it
 
     many = _arguments.fill(campaign.CampaignOptions, options)

@@ -54,6 +54,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Tracks; see `vsense.modes.live.track.run`."""
-    doors = {"web": _arguments.web_of(options), "foxglove": _arguments.foxglove_of(options)}
+    doors = _arguments.doors_of(options)
     markers = _hardware.markers_of(options)
     return track.run(_arguments.fill(TrackOptions, options, **doors, markers=markers))

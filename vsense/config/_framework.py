@@ -28,7 +28,6 @@ from vsense.config.specs import (
     Stage,
     TrackerAddress,
 )
-from vsense.robots.link.trackers import protocol
 from vsense.robots.sources import ARGOS_PAGE, LOOP_FUNCTIONS, CodeOptions, stem_of
 
 _ENGINE = "iridia_tracking_system"
@@ -257,8 +256,10 @@ def _read_original(element: Element, origin_m: tuple[float, float]) -> TrackerAd
         if element.has("vs:latency"):
             raise element.error("is without ats_host", "vs:latency")
         return None
+    from vsense.robots.link.trackers.protocol import TRACKER_PORT  # few files name a tracker
+
     host = element.text(f"{named[0]}_host", None, "a host's name or address")
-    port = element.integer(f"{named[0]}_port", 1, 65_535, protocol.TRACKER_PORT)
+    port = element.integer(f"{named[0]}_port", 1, 65_535, TRACKER_PORT)
     latency_s = element.number("vs:latency", 0.0, _MAX_LATENCY_S, "s", 0.0)
     return TrackerAddress(host, port, origin_m, latency_s, element.line)
 

@@ -23,15 +23,25 @@ _SHORT = {"noise": "noise_level"}
 
 
 def apply(
-    root: Element, settings: Mapping[str, str], virtual: Mapping[str, Collection[str]]
+    root: Element,
+    settings: Mapping[str, str],
+    virtual: Mapping[str, Collection[str]],
+    limit: int | None = None,
 ) -> dict[str, list[Element]]:
     """Puts settings, values by `ELEMENT.attribute`, in their places before the file is read.
 
     `virtual` has the names of the virtual devices by the name of the element that holds them.
     Returns by setting the elements that it changes. Raises UsageError where a setting has no such
-    form, or fits no element.
+    form, fits no element, or says how many robots there are, and `limit` does, too.
     """
-    return {key: _apply(root, key, value, virtual) for key, value in settings.items()}
+    applied = {key: _apply(root, key, value, virtual) for key, value in settings.items()}
+    for key, elements in applied.items() if limit is not None else ():
+        if key.endswith(".quantity") and any(e.below("e-puck") for e in elements):
+            raise UsageError(
+                f"{limit} robots (--robots, or a plan's count): setting {key!r} says how many there"
+                " are, too; give one of them"
+            )
+    return applied
 
 
 def check_used(root: Element, applied: Mapping[str, list[Element]]) -> None:

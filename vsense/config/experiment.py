@@ -88,7 +88,7 @@ def load(
             the robots' own; in the lab and in simulation they are.
         code: where the sources of its controllers and loop functions are, besides where they are
             found.
-        casting: which robots play its parts; None: those of its tags, or any.
+        casting: which robots play; None: those of its tags, or any.
 
     Raises:
         UsageError: there is no such experiment, its file cannot be read, or a setting fits nothing
@@ -122,7 +122,7 @@ def read(
     if root.name != "argos-configuration":
         raise root.error("is the outermost element, expected <argos-configuration>")
     argos.refuse_other_robots(root.child("arena"))
-    applied = apply(root, settings or {}, names_of_virtual())
+    applied = apply(root, settings or {}, names_of_virtual(), (casting or Casting()).limit)
     serves = _Serves(stage, virtual_devices or stage is not Stage.RUN, code or CodeOptions())
     experiment = _read_understood(root, path, length_s, serves, casting or Casting())
     read_rest(root)
@@ -198,6 +198,7 @@ def _read_controllers(
 ) -> tuple[ControllerSpec, ...]:
     controllers = _used_controllers(root.child("controllers"), bodies)
     read = [_programs.read(element, scope.folder, serves.code) for element in controllers]
+    _programs.refuse_python(() if serves.is_sim else bodies.robots, controllers, read)
     cpp = [argos.is_cpp(element, program) for element, program in zip(controllers, read)]
     settings = [_settings(controller, bodies) for controller in controllers]
     stage, virtual, _ = serves

@@ -17,7 +17,7 @@ from vsense.config.placement import settle
 from vsense.config.roster import SPARE
 from vsense.config.specs import Experiment, Stage
 from vsense.robots.sources import CodeOptions
-from vsense.run import asked, directory
+from vsense.run import directory
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,13 +66,21 @@ class ExperimentOptions:
         if self.strict:
             experiment.refuse_warnings()
         if not self.lenient:
+            from vsense.run import asked  # what is only described is not tried
+
             asked.check(experiment)
         return experiment
 
     def described(self, in_json: bool) -> Iterator[str]:
-        """What the experiment holds, for people or as JSON; then raises as `load` if `strict`."""
+        """What the experiment holds, for people or as JSON; then raises as its run would.
+
+        Raises:
+            UsageError: as `prepare`.
+            ConfigError: as `prepare`; or as `load` if `strict`.
+        """
         experiment = first_robots(self._read(), self.robots)
         yield json.dumps(as_json(experiment), indent=2) if in_json else describe(experiment)
+        settle(experiment, choose_seed(self.seed, experiment), self.stage is not Stage.RUN)
         if self.strict:
             experiment.refuse_warnings()
 

@@ -8,15 +8,26 @@ from __future__ import annotations
 
 import fcntl
 import hashlib
+import json
 import os
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+import platform
+import re
+import shutil
+import time
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
+from vsense.base.files import replace_bytes
 from vsense.robots.compiling import CFLAGS, HASH_PART, BuildError, Sources, Toolchain
 from vsense.robots.sources import content
+
+_COMPILER = re.compile(r"(?:\w+-)*(?:gcc|g\+\+|clang|clang\+\+)(?:-[\d.]+)?")
+"""A compiler's own name: what else is called so may be a script that calls any."""
+_SEARCHED = ("CPATH", "C_INCLUDE_PATH", "CPLUS_INCLUDE_PATH")
+"""Variables that say where compilers look for headers."""
+_MOMENT_NS = 2_000_000_000
 
 
 def cache_directory() -> Path:
@@ -55,6 +66,55 @@ def _locked(folder: Path) -> Iterator[None]:
         yield
 
 
+def known(question: Sequence[str], ask: Callable[[], list[str]], of: Collection[Path]) -> list[str]:
+    """Gives what `ask` answered to a question before, or asks.
+
+    The answer holds as long as the files and folders `of`, and those that it names, are as they
+    were: when they were changed, and how large they are. Answers that name none begin with a blank.
+    """
+    digest = hashlib.sha256("\0".join(question).encode(errors="surrogateescape")).hexdigest()
+    record = cache_directory() / "known" / digest[:24]
+    with suppress(OSError, ValueError):  # nothing is known
+        answer, stamps = json.loads(record.read_bytes())
+        if stamps == _stamps(answer, of):
+            return list(answer)
+    answer = ask()
+    with suppress(OSError):  # it is asked again
+        stamps = _stamps(answer, of)
+        # Who changes a file twice in a moment may not change its time.
+        if all(changed_ns < time.time_ns() - _MOMENT_NS for changed_ns, _ in stamps):
+            record.parent.mkdir(parents=True, exist_ok=True)
+            replace_bytes(record, json.dumps([answer, stamps]).encode())
+    return answer
+
+
+def _stamps(answer: Sequence[str], of: Collection[Path]) -> list[list[int]]:
+    named = [Path(name) for name in answer if not name.startswith(" ")]
+    found = [path.stat() for path in (*of, *named, *(path.parent for path in named))]
+    return [[stat.st_mtime_ns, stat.st_size] for stat in found]
+
+
+def version(toolchain: Toolchain) -> str:
+    """Its `version`; a compiler that is called directly is asked once."""
+    place = Path(shutil.which(toolchain.command[0]) or "").resolve()
+    if len(toolchain.command) > 1 or not _COMPILER.fullmatch(place.name):
+        return toolchain.version()
+    question = ["version", *os.uname(), platform.machine(), *toolchain.command, str(place)]
+    return known(question, lambda: [f" {toolchain.version()}"], [place])[0][1:]
+
+
+def dependencies(sources: Sources, toolchain: Toolchain) -> list[Path]:
+    """Its `dependencies`; those of code for ARGoS are found without a compiler."""
+    if sources.program.is_argos:
+        return sources.dependencies(toolchain)
+    words = [*toolchain.command, *toolchain.flags, *toolchain.cxx, os.getcwd()]
+    words += [os.environ.get(name, "") for name in ("CXXFLAGS", *_SEARCHED)]
+    words += map(str, (*sources.program.sources, *sources.includes))
+    ask = lambda: [str(path) for path in sources.dependencies(toolchain)]  # noqa: E731
+    found = known(["dependencies", version(toolchain), *words], ask, sources.includes)
+    return [Path(name) for name in found]
+
+
 def with_parts(sources: Sources, toolchain: Toolchain, flags: Sequence[str] = ()) -> Sources:
     """Gives the same program with what all controllers share compiled already.
 
@@ -91,6 +151,8 @@ def _compile(
         part = objects[source].with_suffix(".part")
         sources.compile(toolchain, source, part, flags)
         os.replace(part, objects[source])
+
+    from concurrent.futures import ThreadPoolExecutor  # only what is built waits for it
 
     missing = [source for source, target in objects.items() if not target.is_file()]
     try:

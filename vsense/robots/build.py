@@ -13,10 +13,11 @@ import hashlib
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 
-from vsense.base.errors import UsageError, instead
+from vsense.base.errors import UsageError, failing_as, instead
+from vsense.base.files import PACKAGE_FOLDER
 from vsense.robots import _cache
 from vsense.robots._argos_code import (
     CONTROLLER_PARTS,
@@ -26,20 +27,21 @@ from vsense.robots._argos_code import (
     TOGETHER,
     controller_uses,
 )
-from vsense.robots._cache import cache_directory
+from vsense.robots._cache import cache_directory, known
 from vsense.robots.compiling import (
     CFLAGS,
     CXX_LIBRARIES,
     CXXFLAGS,
     PROGRAM_SUFFIXES,
+    PYTHON,
     BuildError,
     Sources,
     native,
     own_cxxflags,
 )
-from vsense.robots.sources import ProgramSources, source_roots
+from vsense.robots.sources import HASH_DIGITS, ProgramSources, folders_digest, source_roots
 
-__all__ = ["BuildError", "SourceTree", "cache_directory", "daemon", "shared"]
+__all__ = ["BuildError", "SourceTree", "cache_directory", "daemon", "known", "shared"]
 
 SHARED_FLAGS = ("-fPIC", "-shared", "-fvisibility=hidden", "-ffp-contract=off", "-Wl,-z,defs")
 """For the shared object that simulations load. What a controller calls its own stays its own; and
@@ -76,7 +78,7 @@ SYSTEM_PARTS = (
 )
 """What of `robot/` only a daemon needs: processes, files, network, and the base."""
 
-SIMULATION_PART = "inprocess"
+SIMULATION_PARTS = ("hosted", "inprocess")
 """What of `robot/` only a simulation needs."""
 
 FAST_PARTS = (
@@ -87,6 +89,8 @@ FAST_PARTS = (
 """What a control step runs through, of most instructions. All else is compiled to small code."""
 
 SHIPPED_CONTROLLER = "pollutant"
+
+PYTHON_PAGE = "vsense/EXTENDING.md, 'A controller in Python'"
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +107,7 @@ class SourceTree:
     def daemon_sources(self) -> list[Path]:
         """All C files of the daemon but its controller, in a fixed order."""
         folders = (sorted((self.root / folder).glob("*.c")) for folder in ("c_src", "robot"))
-        return [p for files in folders for p in files if p.stem != SIMULATION_PART]
+        return [p for files in folders for p in files if p.stem not in SIMULATION_PARTS]
 
     def lab_sources(self) -> list[Path]:
         """What daemons of the lab have besides."""
@@ -132,7 +136,14 @@ class SourceTree:
         return ProgramSources((self.controller(controller, beside),))
 
     def daemon(self, program: ProgramSources, plain: bool = False) -> Sources:
-        """What a daemon with this controller is made of; `plain`: see `Sources`."""
+        """What a daemon with this controller is made of; `plain`: see `Sources`.
+
+        Raises:
+            BuildError: no robot can run it.
+        """
+        if program.is_python:
+            words = "is Python, which runs on no robot: it drives simulated and virtual robots"
+            raise BuildError(f"{program.sources[0]}: {words}; see {PYTHON_PAGE}")
         memory = sorted((self.root / "robot").glob("*.cpp"))
         own_cxx, folder = [*memory, *self._argos(program)], _cache_for(program)
         return Sources(
@@ -165,6 +176,10 @@ class SourceTree:
         """The folders of the headers."""
         return [self.root / folder for folder in ("c_src", "robot")]
 
+    def resolved(self) -> list[Path]:
+        """The same without links in their paths."""
+        return [folder.resolve() for folder in self.includes()]
+
     def controllers(self) -> dict[str, Path]:
         """The shipped controllers by name."""
         return {p.stem: p for p in sorted((self.root / "robot" / "controllers").glob("*.c"))}
@@ -185,11 +200,12 @@ class SourceTree:
         path = (beside or Path()) / name
         if path.suffix in PROGRAM_SUFFIXES and path.is_file():
             return path.resolve()
-        names = (p.name for p in path.parent.glob("*") if p.suffix in PROGRAM_SUFFIXES)
+        kinds = [path.suffix] if path.suffix == PYTHON else PROGRAM_SUFFIXES[:-1]
+        names = (p.name for p in path.parent.glob("*") if p.suffix in kinds)
         beside_it = [str(Path(name).with_name(file)) for file in names] if path.suffix else []
         raise UsageError(
-            f"no controller {name!r}: expected the path of a .c or .cpp file, or a shipped one;"
-            f" {instead(name, [*shipped, *beside_it])}"
+            f"no controller {name!r}: expected the path of a .c, .cpp or .py file, or a shipped"
+            f" one; {instead(name, [*shipped, *beside_it])}"
         )
 
 
@@ -205,6 +221,29 @@ def source_tree() -> SourceTree:
     raise BuildError(
         f"the daemon's C sources are missing from {source_roots()[0]}: install vsense again"
     )
+
+
+@lru_cache(maxsize=1)
+def own_sources() -> str:
+    """Digest of what vsense runs; the same in a checkout and where it is installed.
+
+    Raises:
+        BuildError: the C sources are missing, or a file cannot be read.
+    """
+    trees: list[tuple[str, Path, tuple[str, ...]]]
+    trees = [("vsense", PACKAGE_FOLDER, (".py", ".argos", ".json"))]
+    folders = source_tree().resolved()
+    trees += [(folder.name, folder, (".c", ".cpp", ".h", ".hpp", ".txt")) for folder in folders]
+    digest = hashlib.sha256()
+    for name, folder, suffixes in trees:
+        for path in sorted(p for p in folder.rglob("*") if p.suffix in suffixes):
+            below = path.relative_to(folder)
+            # What only the host runs is compiled, and its sources are not installed.
+            if below.parts[0] not in ("_sources", "host"):
+                with failing_as(BuildError, f"{path}: cannot be read"):
+                    own = hashlib.sha256(path.read_bytes()).hexdigest()
+                digest.update(f"{name}/{below.as_posix()} {own}\n".encode())
+    return digest.hexdigest()[:HASH_DIGITS]
 
 
 def daemon(
@@ -248,8 +287,9 @@ def shared(controller: str | ProgramSources, beside: Path | None = None) -> Path
     """
     tree = source_tree()
     program = tree.program(controller, beside)
-    target = cache_directory() / _fingerprint(tree, program) / "inprocess.so"
-    return _cache.built(target, partial(_link_runtime, tree.runtime(program)))
+    sources = tree.runtime(program)
+    target = cache_directory() / _fingerprint(tree, program, sources) / "inprocess.so"
+    return _cache.built(target, partial(_link_runtime, sources))
 
 
 def are_together(controller: ProgramSources, loop: ProgramSources) -> bool:
@@ -312,13 +352,15 @@ def _fingerprint(tree: SourceTree, program: ProgramSources, sources: Sources | N
     compiler = native()
     flags = f"{CFLAGS}{SHARED_FLAGS}{CXXFLAGS}{own_cxxflags()}{CXX_LIBRARIES}"
     flags += f"{compiler.cxx}{compiler.debug}"
+    flags += "" if sources else folders_digest(tree.includes())  # a daemon tells it
     sources = sources or tree.daemon(program)
-    versions = compiler.version() + (compiler.for_cxx().version() if sources.is_cxx else "")
+    versions = _cache.version(compiler)
+    versions += _cache.version(compiler.for_cxx()) if sources.is_cxx else ""
     digest = hashlib.sha256(f"{list(compiler.command)}{versions}{flags}".encode())
     argos = tree.argos_headers() if program.is_argos else []
     if program.is_argos:
         digest.update(f"{FLAGS}{STANDARD}{program}".encode())
-    own = [*sources.dependencies(compiler), *tree.lab_sources()]
+    own = [*_cache.dependencies(sources, compiler), *tree.lab_sources()]
     for path in (*sources.own, *sources.own_cxx, *tree.headers(), *argos, *own):
         digest.update(os.fsencode(path.name) + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()[:24]

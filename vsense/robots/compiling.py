@@ -11,14 +11,13 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Collection, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from vsense.base.errors import VsenseError
 from vsense.base.terminal import Console
 from vsense.robots import _argos_code, _compiled
-from vsense.robots.sources import ProgramSources, content, headers
+from vsense.robots.sources import HASH_DIGITS, ProgramSources, content, folders_digest, headers
 
 SECTIONS = ("-O2", "-ffunction-sections", "-fdata-sections")
 
@@ -34,7 +33,8 @@ CXXFLAGS = ("-std=c++17", *SECTIONS, *PLAIN, "-fno-threadsafe-statics")
 would more than double the daemon, and nothing on a robot has two threads."""
 
 CXX_SUFFIXES = (".cpp", ".cc", ".cxx")
-PROGRAM_SUFFIXES = (".c", *CXX_SUFFIXES)
+PYTHON = ".py"
+PROGRAM_SUFFIXES = (".c", *CXX_SUFFIXES, PYTHON)
 """Of a controller's file, in the order in which they are looked for."""
 
 LIBRARIES = ("-Wl,--gc-sections", "-Wl,--as-needed", "-lm")
@@ -45,9 +45,6 @@ CXX_LIBRARIES = ("-Wl,--as-needed", "-lstdc++", *LIBRARIES)
 
 HASH_PART = "controller_hash"
 """The one file of `robot/` that knows the controller's hash: compilers keep the others."""
-
-HASH_DIGITS = 12
-"""Of a controller's hash so many are told: enough to tell any two apart."""
 
 APT_LINE = "sudo apt install build-essential python3-dev python3-venv"
 
@@ -214,6 +211,8 @@ class Sources:
                 self._check_cxx(target, source)
             return str(target if cached is None else _keep(target, cached))
 
+        from concurrent.futures import ThreadPoolExecutor  # only what is built waits for it
+
         files = list(enumerate((*self.program.sources, *self.own_cxx)))
         with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as workers:
             return list(workers.map(compiled, files))
@@ -243,13 +242,14 @@ class Sources:
         self._run(toolchain, CFLAGS, [*flags, "-c", str(source), "-o", str(out)])
 
     def link_daemon(self, toolchain: Toolchain, target: Path) -> str:
-        """Links a daemon that tells which controller it has; gives the controller's hash.
+        """Links a daemon that tells what it was made of; gives its controller's hash.
 
         Raises:
             BuildError: see `link`; or a header is missing.
         """
         digest = self.controller_hash(toolchain)
-        self.link(toolchain, target, [f'-DVSENSED_CONTROLLER_HASH="{digest}"'])
+        own = f'-DVSENSED_SOURCES="+{folders_digest(self.includes)}"'
+        self.link(toolchain, target, [f'-DVSENSED_CONTROLLER_HASH="{digest}"', own])
         return digest
 
     def controller_hash(self, toolchain: Toolchain) -> str:

@@ -1,29 +1,30 @@
 """The robots of a simulation: the real controller in the daemon's own runtime, in this process.
 
 The shared object holds `robot/inprocess.c`, the controller runtime of a daemon's worker, and one
-controller (`vsense.robots.build.shared`). Its declarations are cut out of the header beside its
-sources.
+controller (`vsense.robots.build.shared`). Its structures are part of `vsense._native`; the types of
+its functions are cut out of the header beside its sources, which takes no parser of C.
 """
 
 from __future__ import annotations
 
+import ctypes
 import mmap
+import re
 from collections.abc import Mapping, Sequence
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
-from cffi import FFI
 from numpy.typing import NDArray
 
 from vsense.base.errors import VsenseError
-from vsense.base.native import check, lib
+from vsense.base.native import check, ffi, lib
 from vsense.base.readings import SensorReadings
 from vsense.robots import build
-from vsense.robots.link._roster import robot_seed
 from vsense.robots.link.status import LogLines
-from vsense.robots.link.table import Direction, Table
+from vsense.robots.link.table import Direction, Table, robot_seed
 from vsense.robots.link.wire import Header, PacketType, ShownData, Wanted, Welcome, encode, shown_of
 
 PROGRESS_BYTES = 8
@@ -55,21 +56,32 @@ class ControllerFailure(SimError):
         self.words = words
 
 
+_PROTOTYPE = re.compile(r"^(\w[\w ]*\**)(vs_([a-z]+)_\w+)(\([^;]*\));", re.MULTILINE)
+
+
 @cache
-def declarations() -> FFI:
-    """Gives the declarations of `robot/inprocess.h`.
+def declarations(part: str = "inprocess") -> Mapping[str, Any]:
+    """Gives the types of the functions of a header in `robot/` that bear its name, by theirs.
 
     Raises:
         BuildError: the C sources are not there.
     """
-    header = (build.source_tree().root / "robot" / "inprocess.h").read_text()
-    lines = [line for line in header.splitlines() if not line.startswith("#")]
-    ffi = FFI()
-    ffi.cdef("\n".join(lines))
-    return ffi
+    header = (build.source_tree().root / "robot" / f"{part}.h").read_text()
+    return {
+        name: ffi.typeof(f"{result}(*){arguments}")
+        for result, name, owner, arguments in _PROTOTYPE.findall(header)
+        if owner == part
+    }
 
 
-def _address(ffi: FFI, pointer: Any) -> int:
+def functions(library: Path, part: str = "inprocess") -> Any:
+    """The `declarations` of a shared object, which stays loaded; OSError: it cannot be."""
+    loaded, kinds = ctypes.CDLL(str(library)), declarations(part)
+    places = {n: ctypes.cast(loaded[n], ctypes.c_void_p).value for n in kinds}
+    return SimpleNamespace(**{n: ffi.cast(kind, places[n]) for n, kind in kinds.items()})
+
+
+def _address(pointer: Any) -> int:
     return int(ffi.cast("uintptr_t", pointer))
 
 
@@ -129,9 +141,9 @@ class CompiledProgram:
             SimError: the shared object cannot be loaded, or its controller cannot be run.
             WireError: the experiment does not fit the robots' protocol.
         """
-        self._ffi, self.tags = declarations(), list(tags)
+        self.tags = list(tags)
         try:
-            self._lib: Any = self._ffi.dlopen(str(library))
+            self._lib = functions(library)
         except OSError as error:
             raise SimError(f"{library}: cannot be loaded: {error}") from None
         self._begin(bytearray(PROGRESS_BYTES) if progress is None else progress)
@@ -146,7 +158,7 @@ class CompiledProgram:
         self._make_room(table)
 
     def _begin(self, progress: Any) -> None:
-        ffi, count = self._ffi, len(self.tags)
+        count = len(self.tags)
         self._memory = mmap.mmap(-1, self._lib.vs_inprocess_size(count))
         self._progress = progress
         self._all = ffi.cast("struct vs_inprocess *", ffi.from_buffer(self._memory))
@@ -160,7 +172,7 @@ class CompiledProgram:
     @property
     def controller(self) -> str:
         """The controller's name, as it calls itself."""
-        name: bytes = self._ffi.string(self._lib.vs_inprocess_controller())
+        name: bytes = ffi.string(self._lib.vs_inprocess_controller())
         return name.decode(errors="replace")
 
     def begin(self) -> None:
@@ -199,8 +211,12 @@ class CompiledProgram:
         now = self._now
         now.wanted, now.from_timestep, now.timestep = wanted, from_timestep, timestep
         now.capture_ns, now.now_ns = times_ns
+        self.decide(wanted)
         check(self._lib.vs_inprocess_step(self._all, now), "robots whose run is over")
         self.check()
+
+    def decide(self, wanted: Wanted) -> None:
+        """What is decided in this process before the step: C decides in the step itself."""
 
     def home(self, timestep: int, times_ns: tuple[int, int], goals: NDArray[np.int16]) -> None:
         """One step of every robot's walk home, to goals (n, 3) as STATE has them; see `step`.
@@ -222,10 +238,9 @@ class CompiledProgram:
 
     def kernel(self) -> ProgramKernel:
         """The robots as C steps them, with RUN in `from_timestep` as of the newest step."""
-        ffi, now, own = self._ffi, self._now, self._lib
-        address = partial(_address, ffi)
+        now, address = self._now, _address
         return ProgramKernel(
-            step=address(ffi.addressof(own, "vs_inprocess_step")),
+            step=address(self._lib.vs_inprocess_step),
             all=address(self._all),
             now=address(now),
             timestep=address(ffi.addressof(now, "timestep")),
@@ -252,10 +267,10 @@ class CompiledProgram:
 
     def check(self) -> None:
         """Raises ControllerFailure where a controller cannot go on."""
-        robot = self._ffi.new("uint32_t *")
+        robot = ffi.new("uint32_t *")
         words = self._lib.vs_inprocess_failure(self._all, robot)
-        if words != self._ffi.NULL:
-            said: bytes = self._ffi.string(words)
+        if words != ffi.NULL:
+            said: bytes = ffi.string(words)
             text = said.decode(errors="replace")
             raise ControllerFailure(self.tags[robot[0]], self.controller, text)
 
@@ -284,23 +299,27 @@ class CompiledProgram:
         """What controllers have logged since the last call: tag, and what to say."""
         if self._now.logged == 0:
             return []
-        robot, number = self._ffi.new("uint32_t *"), self._ffi.new("uint32_t *")
-        line = self._ffi.new("const char **")
+        robot, number = ffi.new("uint32_t *"), ffi.new("uint32_t *")
+        line = ffi.new("const char **")
         said = []
         while self._lib.vs_inprocess_log(self._all, robot, number, line):
-            text = self._ffi.string(line[0]).decode()
+            text = ffi.string(line[0]).decode()
             said += [(self.tags[robot[0]], row) for row in self._log[robot[0]].add(number[0], text)]
         self._now.logged = 0
         return said
 
+    def failures(self) -> dict[int, str]:
+        """By tag why a robot's controller has failed; of those in C none goes on then."""
+        return {}
+
     def complaints(self) -> list[str]:
         """What the controllers asked for and did not get, or do not know: each complaint once."""
-        said: bytes = self._ffi.string(self._lib.vs_inprocess_complaints(self._all))
+        said: bytes = ffi.string(self._lib.vs_inprocess_complaints(self._all))
         return said.decode(errors="replace").splitlines()
 
     def _make_room(self, table: Table) -> None:
         """Lays out what goes into a step and comes out of it."""
-        ffi, count = self._ffi, len(self.tags)
+        count = len(self.tags)
         sizes = dict.fromkeys(Direction, 0)
         for entry, size in zip(table.entries, table.sizes):
             sizes[entry.direction] += size
@@ -322,4 +341,4 @@ class CompiledProgram:
 
     def _point(self, field: str, array: NDArray[Any]) -> None:
         kind = f"{array.dtype.name}_t *"
-        setattr(self._now, field, self._ffi.cast(kind, array.ctypes.data))
+        setattr(self._now, field, ffi.cast(kind, array.ctypes.data))

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from vsense.base.errors import UsageError
 from vsense.base.readings import SensorReadings
 from vsense.robots import build
+from vsense.robots.compiling import CXX_SUFFIXES, PYTHON
 from vsense.robots.inprocess import CompiledProgram, ProgramKernel
 from vsense.robots.link.table import Table
 from vsense.robots.link.wire import ShownData, Wanted
@@ -75,6 +76,9 @@ class Program(Protocol):
     def logged(self) -> list[tuple[int, str]]:
         """What controllers have logged since the last call: tag and line."""
 
+    def failures(self) -> dict[int, str]:
+        """By tag why a controller has failed, whose robot stands since then."""
+
     def complaints(self) -> list[str]:
         """What the controllers asked for and did not get, each once."""
 
@@ -111,7 +115,22 @@ class ProgramKind:
 
 
 _COMPILED = ProgramKind(build.shared, CompiledProgram)
-KINDS_BY_SUFFIX = dict.fromkeys((".c", ".cpp", ".cc", ".cxx"), _COMPILED)
+
+
+def _build_python(sources: ProgramSources) -> Path:
+    from vsense.robots import _python_program  # with what runs users' Python, 20 ms
+
+    return _python_program.build_program(sources)
+
+
+def _open_python(*arguments: Any, **named: Any) -> Program:
+    from vsense.robots import _python_program
+
+    return _python_program.PythonProgram(*arguments, **named)
+
+
+_PYTHON = ProgramKind(_build_python, _open_python)
+KINDS_BY_SUFFIX = dict.fromkeys((".c", *CXX_SUFFIXES), _COMPILED) | {PYTHON: _PYTHON}
 """Kinds by the suffix of a controller's first source."""
 
 

@@ -39,6 +39,11 @@ _MAIN = re.compile(rb"^\s*int\s+main\s*\(", re.M)
 _INCLUDE = re.compile(rb'^[ \t]*#[ \t]*include[ \t]*([<"])([^>"\n]+)[>"]', re.M)
 
 
+HASH_DIGITS = 12
+"""Of a digest of sources so many are told: enough to tell any two apart."""
+
+_OWN_SUFFIXES = (".c", ".h", ".cpp")
+
 COMMIT = "commit"
 """The file in an installed package's sources that names the commit it was built from."""
 
@@ -105,6 +110,11 @@ class ProgramSources:
     def is_argos(self) -> bool:
         """Whether it is written for ARGoS."""
         return any(registers(p, m) for p in self.sources for m in (CONTROLLER, LOOP_FUNCTIONS))
+
+    @property
+    def is_python(self) -> bool:
+        """Whether it is a file in Python, which the host runs."""
+        return self.sources[0].suffix == ".py"
 
     @property
     def name(self) -> str:
@@ -237,6 +247,16 @@ def _linked(prefix: str, path: Path, cache: Path) -> Path:
         with suppress(FileExistsError):  # another process was faster
             link.symlink_to(path)
     return root
+
+
+def folders_digest(folders: Iterable[Path]) -> str:
+    """Digest of the sources in the folders of vsense's own, which daemons tell with their version:
+    the same sources give the same one on any machine.
+    """
+    digest = hashlib.sha256()
+    for path in (p for f in folders for p in sorted(f.iterdir()) if p.suffix in _OWN_SUFFIXES):
+        digest.update(os.fsencode(path.name) + b"\0" + content(path) + b"\0")
+    return digest.hexdigest()[:HASH_DIGITS]
 
 
 def content(path: Path) -> bytes:

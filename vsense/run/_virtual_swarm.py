@@ -20,7 +20,7 @@ from vsense.config.specs import Experiment
 from vsense.robots.inprocess import ACT_NS, CONTROL_NS
 from vsense.robots.link.table import Table
 from vsense.robots.link.wire import Wanted
-from vsense.run.programs import Programs, shared_objects
+from vsense.run.programs import Programs, failed_words, shared_objects
 from vsense.world.entities import VirtualRobot
 from vsense.world.physics.motion import Physics, obstacles
 from vsense.world.physics.proximity_ring import ProximityRing
@@ -74,6 +74,10 @@ class VirtualSwarm:
     def logged(self) -> Sequence[tuple[int, str]]:
         """See `Programs.logged`."""
         return self._controllers.logged()
+
+    def failed(self) -> list[str]:
+        """See `Environment.failed`."""
+        return failed_words(self._controllers.failures(), "virtual ")
 
     def end(self) -> None:
         """See `Program.end`."""

@@ -76,7 +76,7 @@ class _Watched:
         stands_ns: since when it tells that its wheels stand; None: they turn, or nobody knows.
         anchor, anchor_ns: where and when it was seen first while it stood alone.
         moved_m: the farthest that somebody moved it.
-        refused, other_program, millivolts, uid, program: as last reported.
+        refused, other_program, millivolts, uid, programs: as last reported.
     """
 
     name: str
@@ -99,7 +99,7 @@ class _Watched:
     moved_m: float = 0.0
     millivolts: int = 0
     uid: str = ""
-    program: str = ""
+    programs: tuple[str, ...] = ()
 
 
 class Witness:
@@ -189,8 +189,8 @@ class Witness:
 
     @property
     def programs(self) -> list[str]:
-        """What they run: name, and hash of the source, as a run's versions have it."""
-        return sorted({robot.program for robot in self._robots.values() if robot.program})
+        """What they run: controllers with hashes, daemons with versions; as a run's `versions`."""
+        return sorted({word for robot in self._robots.values() for word in robot.programs})
 
     def _without_pauses_ns(self, capture_ns: int, run_ns: int) -> int:
         if self._before is not None:
@@ -218,7 +218,7 @@ class Witness:
                 robot.held_ns, robot.held_by = robot.held_ns + elapsed_ns, words
         robot.uid = robot.uid if status.uid is None else status.uid.hex()
         if status.connected and status.controller:
-            robot.program = f"{status.controller}={status.hash}"
+            robot.programs = f"{status.controller}={status.hash}", f"vsensed={status.version}"
         turns = said is None or (said.left_steps_s, said.right_steps_s) != (0, 0)
         if said is not None:
             robot.millivolts = said.battery_mv or robot.millivolts

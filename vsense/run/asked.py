@@ -18,7 +18,7 @@ import select
 import signal
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -52,7 +52,9 @@ _WORDS = {
     "number": re.compile(r"controller '.*': expected a number(?P<range>.*) as parameter '(.*)'"),
     "parameter": re.compile(r"controller '.*' does not know the parameter '(.*)': ignored"),
 }
-_READS = re.compile(rb'\bvs_robot_param(?:_in|_text)?\s*\(\s*\w+\s*,\s*"([^"\n]+)"')
+_READS = re.compile(
+    rb'(?:\bvs_robot_param(?:_in|_text)?\s*\(\s*\w+\s*,|\.param(?:_text)?\()\s*"([^"\n]+)"'
+)
 
 
 def check(experiment: Experiment) -> None:
@@ -118,15 +120,22 @@ def _complaints(experiment: Experiment, spec: ControllerSpec) -> Sequence[str]:
     with suppress(BuildError):
         built = kind_of(spec.program).build(spec.program)
         table = table_of(sensors, actuators)
-        return _tried(spec.program, str(built), table.encode(), params, experiment.timestep_ns)
+        timestep_ns = experiment.timestep_ns
+        question = ["complaints", str(built), table.encode().hex(), params, str(timestep_ns)]
+        ask = partial(_try, spec.program, built, table.encode(), params, timestep_ns)
+        with suppress(_Untried):
+            return [said[1:] for said in build.known(question, ask, [])]
     return ()
 
 
-@lru_cache(maxsize=256)
-def _tried(
-    sources: ProgramSources, built: str, table: bytes, params: str, timestep_ns: int
-) -> tuple[str, ...]:
-    """What a program complains of, as `_step` in a fork of this process has it."""
+class _Untried(Exception):
+    """A program has ended, or taken too long, before it said anything."""
+
+
+def _try(
+    sources: ProgramSources, built: Path, table: bytes, params: str, timestep_ns: int
+) -> list[str]:
+    """What a program complains of, as `_step` in a fork of this process has it; raises _Untried."""
     source, target = os.pipe()
     pid = os.fork()
     if pid == 0:
@@ -135,14 +144,16 @@ def _tried(
             silent = os.open(os.devnull, os.O_RDWR)
             for descriptor in range(3):
                 os.dup2(silent, descriptor)
-            open_program = partial(kind_of(sources).open, Path(built), [_TAG])
+            open_program = partial(kind_of(sources).open, built, [_TAG])
             said = _step(open_program, Table.decode(table), params, timestep_ns)
-            os.write(target, json.dumps(said).encode())
+            os.write(target, json.dumps([f" {words}" for words in said]).encode())
         finally:
             os._exit(0)
     os.close(target)
     try:
-        return tuple(json.loads(_answer(source) or b"[]"))
+        if not (answer := _answer(source)):
+            raise _Untried
+        return list(json.loads(answer))
     finally:
         os.kill(pid, signal.SIGKILL)
         os.waitpid(pid, 0)

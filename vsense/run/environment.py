@@ -141,6 +141,10 @@ class Environment:
         """What driven virtual robots logged since the last call: tag, and what to say."""
         return () if self._swarm is None else self._swarm.logged()
 
+    def failed(self) -> list[str]:
+        """Which driven virtual robots' controllers have failed, and why, in words."""
+        return [] if self._swarm is None else self._swarm.failed()
+
     def said(self) -> Sequence[str]:
         """What the loop functions logged since the last call."""
         return _emptied(self._loop.said) if self._loop is not None else ()

@@ -9,6 +9,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from vsense.base.terminal import shorten
 from vsense.config.battery_history import BatteryRow, append, history_of
 from vsense.config.specs import Experiment
 from vsense.robots.link.keys import LinkTrust
@@ -86,10 +87,6 @@ def expected_robots(
         )
         for robot, c in controllers.items()
     }
-
-
-MAX_LISTED_NAMES = 6
-"""So many names are listed, then only how many more there are."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,13 +181,6 @@ def _brief(tag: int, why: str) -> str:
 def _without(names: tuple[str, ...], away: Iterable[str] = ()) -> str:
     parts = [f"not {shorten(names)}" if names else "", shorten(away)]
     return f" ({'; '.join(filter(None, parts))})" if any(parts) else ""
-
-
-def shorten(names: Iterable[str]) -> str:
-    """Names in one line, the first few of many."""
-    listed = list(names)
-    more = len(listed) - MAX_LISTED_NAMES
-    return ", ".join(listed[:MAX_LISTED_NAMES]) + (f" and {more} more" if more > 0 else "")
 
 
 TROUBLE_DELAY_NS = 1_000_000_000

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import os
-import sys
+import platform
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -18,6 +18,7 @@ from vsense import __version__
 from vsense.base.errors import UsageError, VsenseError
 from vsense.base.files import read_bytes, replace_text, stamp_of
 from vsense.config.specs import Experiment
+from vsense.robots import build
 from vsense.run.verdict import VALID, VOID, late_share
 
 RUNS = "runs.csv"
@@ -60,8 +61,7 @@ class RunRow:
         condition: what is compared, in words.
         block, repetition, start: runs of two conditions that agree in all three are a pair.
         began: UTC, as ISO 8601.
-        tags, uids, batteries_v: of its robots; uids are "-" where not known; volts as last told,
-            of those that told.
+        tags, uids, batteries_v: of its robots; uids are "-" where not known; volts of those told.
         light_level: of the room: the mean of the first pictures, 0 black to 1 white.
         late: share of the timesteps that were late or left out, 0..1.
         versions: of software: words such as vsense=1.2.
@@ -112,8 +112,8 @@ def utc(seconds: float) -> str:
 
 def versions() -> tuple[str, ...]:
     """The software that a run's results depend on, as `RunRow.versions` has it."""
-    python = ".".join(map(str, sys.version_info[:3]))
-    return f"vsense={__version__}", f"python={python}", f"numpy={np.__version__}"
+    own = f"vsense={__version__}", f"sources={build.own_sources()}"
+    return *own, f"python={platform.python_version()}", f"numpy={np.__version__}"
 
 
 def condition_of(blind: bool, settings: Mapping[str, str]) -> str:

@@ -9,7 +9,7 @@ A run is valid only if it was the run that its file describes. One function deci
 | that was taken by `--other-programs` | valid, with a note |
 | a robot or a tagged object was never seen, a robot never came | invalid |
 | a robot had readings that were fresh enough at no time | invalid |
-| a controller was started again in mid-run | invalid |
+| a controller was started again in mid-run, or has failed | invalid |
 | a robot's own guard held its wheels for more than `LINK_S`: its base, its battery | invalid |
 | no arena state came for more than `LINK_S` | invalid |
 | a robot had no link for more than `LINK_S`, or a plan's `lost_s` | invalid |
@@ -29,9 +29,13 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from vsense.run.robots import shorten
+from vsense.base.terminal import shorten
 
 VALID, VOID = "valid", "void"
+BROKEN = "failed"
+"""Why a run has ended that something in it has ended."""
+FAILED = "failed in mid-run"
+"""How a reason begins where controllers have failed."""
 
 LINK_S = 1.0
 """A link that is down, or wheels that are held, for a shorter time have changed no run."""
@@ -120,7 +124,7 @@ class RunRecord:
     """What was there of a run; by default all that its file describes.
 
     Attributes:
-        ended: why it ended; "time": its length was over.
+        ended: why it ended; "time": its length was over; `BROKEN`: `failed` says why.
         endless: it has no length.
         timesteps: it had one at least.
         late: share of its timesteps that were late or left out, 0..1.
@@ -130,6 +134,7 @@ class RunRecord:
         unseen: names of tagged objects that were never seen.
         changes: so often somebody has changed the world while it ran.
         complaints: of controllers, in words.
+        failed: which controllers have failed, whose robots stood from then on, and why.
         link_check: which links were weak before the run, in words.
     """
 
@@ -143,6 +148,7 @@ class RunRecord:
     unseen: Sequence[str] = ()
     changes: int = 0
     complaints: Sequence[str] = ()
+    failed: Sequence[str] = ()
     link_check: str = ""
 
 
@@ -166,10 +172,12 @@ class RunVerdict:
 def judge(record: RunRecord, criteria: VoidCriteria) -> RunVerdict:
     """The verdict on a run."""
     if not record.timesteps:
-        return RunVerdict(f"nothing was measured: {record.ended or 'failed'}")
+        words = shorten(record.failed) or record.ended or "failed"
+        return RunVerdict(f"nothing was measured: {words}")
     reasons = []
-    if criteria.ended_early and record.ended != "time" and not record.endless:
-        reasons.append(f"{record.ended or 'failed'} before its end")
+    is_told = record.ended == BROKEN and record.failed
+    if criteria.ended_early and record.ended != "time" and not record.endless and not is_told:
+        reasons.append(f"{record.ended or BROKEN} before its end")
     reasons += filter(None, (rule(record, criteria) for rule in _RULES))
     notes = filter(None, (note(record, criteria) for note in _NOTES))
     return RunVerdict("; ".join(reasons), "; ".join(notes))
@@ -253,6 +261,10 @@ def _of_controllers(record: RunRecord, criteria: VoidCriteria) -> str:
     return f"started again in mid-run: {shorten(again)}" if again else ""
 
 
+def _of_failed(record: RunRecord, criteria: VoidCriteria) -> str:
+    return f"{FAILED}: {shorten(record.failed)}" if record.failed else ""
+
+
 def _of_held(record: RunRecord, criteria: VoidCriteria) -> str:
     held = [robot for robot in _there(record) if robot.held_s > LINK_S]
     return _listed(held, lambda r: f"held its wheels for {r.held_s:.1f} s ({r.held_by})")
@@ -299,8 +311,8 @@ def _of_late(record: RunRecord, criteria: VoidCriteria) -> str:
 
 
 _RULES: Sequence[Callable[[RunRecord, VoidCriteria], str]] = (
-    _of_refused, _of_absent, _of_unseen, _of_readings, _of_controllers, _of_held, _of_silence,
-    _of_starts, _of_lost, _of_moved, _of_fence, _of_late,
+    _of_refused, _of_absent, _of_unseen, _of_readings, _of_controllers, _of_failed, _of_held,
+    _of_silence, _of_starts, _of_lost, _of_moved, _of_fence, _of_late,
 )  # fmt: skip
 
 

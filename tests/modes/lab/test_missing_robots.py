@@ -13,10 +13,12 @@ from vsense.base.shared import LabError
 from vsense.config.casting import Casting
 from vsense.config.roster import SPARE
 from vsense.modes.lab.session import Session
-from vsense.modes.live.session import NoRobotError
+from vsense.modes.live.session import ExperimentSession, NoRobotError
 from vsense.robots.link.wire import Telemetry
 from vsense.run.cast import Cast
+from vsense.run.figures import Figures
 from vsense.run.robots import BATTERY_LOW, Readiness
+from vsense.run.verdict import RunRecord, VoidCriteria, judge
 
 ROBOTS = {1: "left", 2: "right"}
 
@@ -51,6 +53,24 @@ def test_no_run_goes_on_without_anybody() -> None:
     made, _ = session(2, set())
     with pytest.raises(NoRobotError, match="no robot is there; not connected: 1, 2"):
         made.wait_until_ready()
+
+
+def test_a_daemon_that_crashes_in_the_run_is_why_it_is_invalid(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    made, _ = session(1, {1, 2})
+    made._ready, made._fallen = True, []
+    made.setup.console = SimpleNamespace(say=lambda *words: None)
+    crashed = SimpleNamespace(tag=2), "was killed by SIGFPE at mine.c:43"
+    log = lambda tag: Path(f"{tag}.log")  # noqa: E731
+    made.swarm = SimpleNamespace(
+        fallen=lambda: [crashed], log=log, script=log, complaints=lambda: []
+    )
+    monkeypatch.setattr(ExperimentSession, "_observe", lambda *arguments: None)
+    monkeypatch.setattr(ExperimentSession, "record_of", lambda *arguments: RunRecord())
+    made._observe(None, {})
+    why = judge(made.record_of(Figures.__new__(Figures), None), VoidCriteria()).why
+    assert why == "failed in mid-run: robot 2's controller was killed by SIGFPE at mine.c:43"
 
 
 @pytest.mark.parametrize(

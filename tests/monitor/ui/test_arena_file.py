@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
 import sys
 import urllib.request
 from pathlib import Path
@@ -28,7 +27,8 @@ FORAGING = (SHIPPED / "foraging.argos").read_text()
 def following(text: str, *changes: tuple[dict[str, Any], str]) -> ArenaFile:
     """A file of which these changes were carried out."""
     file = ArenaFile()
-    file.receive(Message("/experiment", 0, {"name": "x", "seed": 1, "file_text": text}))
+    name = "foraging" if text == FORAGING else "x"
+    file.receive(Message("/experiment", 0, {"name": name, "seed": 1, "file_text": text}))
     for number, (change, words) in enumerate(changes):
         order = {"timestep": number, "change": change, "text": words}
         # A page that joins has a simulation repeat it.
@@ -61,7 +61,6 @@ def test_all_changes_are_read_again_and_the_rest_is_as_it_was(tmp_path: Path) ->
     text = file.edited()
     path = tmp_path / "changed.argos"
     path.write_text(text)
-    shutil.copy(SHIPPED / "foraging.py", tmp_path)
     experiment = load(path)
     things = {thing.id: thing for thing in experiment.entities}
     assert (things["nest"].x_m, things["nest"].y_m) == (-0.6, 0.3)
@@ -78,11 +77,24 @@ def test_all_changes_are_read_again_and_the_rest_is_as_it_was(tmp_path: Path) ->
 
 def test_the_next_run_begins_as_the_file_says() -> None:
     file = following(FORAGING, move("nest", -0.5, 0.25))
-    again = Message("/experiment", 0, {"name": "x", "seed": 1, "file_text": FORAGING})
+    again = Message("/experiment", 0, {"name": "foraging", "seed": 1, "file_text": FORAGING})
     file.receive(again)
-    assert file.edited() != FORAGING
+    plain = FORAGING.replace('"foraging.py"', f'"{SHIPPED / "foraging.py"}"')
+    assert file.edited() != plain
     file.receive(Message("/experiment", 0, {**again.data, "seed": 2}))
-    assert file.edited() == FORAGING
+    assert file.edited() == plain
+
+
+def test_files_beside_an_original_of_the_users_are_named_from_anywhere(tmp_path: Path) -> None:
+    (tmp_path / "own & mine.py").write_text("")
+    text = '<a><loop_functions library="own &amp; mine.py" label="other.py" /></a>'
+    file = ArenaFile()
+    made = {"path": str(tmp_path / "x.argos")}
+    file.receive(
+        Message("/experiment", 0, {"name": "x", "seed": 1, "file_text": text, "made": made})
+    )
+    whole = f"{tmp_path}/own &amp; mine.py"
+    assert file.edited() == text.replace("own &amp; mine.py", whole)
 
 
 def test_an_arena_that_was_edited_in_a_simulation_is_saved(tmp_path: Path, opened: Open) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import csv
 import json
+import re
 import signal
 import statistics
 import subprocess
@@ -118,10 +120,10 @@ def test_a_campaign_goes_on_where_it_stopped(pollutant, tmp_path: Path, capsys) 
     values = [row.measures["in_cone_after_turn"] for row in rows]
     spread = figures[1]["measures"]["in_cone_after_turn"]
     assert spread["median"] == statistics.median(values) and spread["quartiles"][0] >= min(values)
-    lines = [line.split() for line in said.err.splitlines()]
+    lines = [re.split("  +", line) for line in said.err.splitlines()]
     assert ["setting", "measure", "runs", "median", "quartiles"] in lines
-    (line,) = [line for line in lines if line[:1] == ["pollutant.stop_probability=0.1"]]
-    assert line[2] == "2" and line[5] == "to"
+    (line,) = [line for line in lines if line[0] == "pollutant.stop_probability=0.1"]
+    assert line[1].startswith("in cone") and line[2] == "2" and " to " in line[4]
     assert sim(*arguments, "--runs", "3") == 0
     assert path.read_bytes().startswith(whole) and path.read_bytes().count(b"\n") == 7
 
@@ -172,6 +174,13 @@ def test_a_run_that_fails_ends_the_campaign_and_is_named(
     assert "wanderer.fault=1, seed 1: robot 31" in said
     assert "SIGSEGV" in said
     assert path.read_text().count("\n") == 3
+    assert sim(experiment, "--set", "wanderer.fault=1", *faults[2:], "-o", tmp_path / "s.csv") == 1
+    blind = ("--blind", "--duration", "1", "--runs", "2", "-o", tmp_path / "b.csv")
+    assert sim("pollutant", *blind) == 0
+    said = capsys.readouterr().err
+    assert "sighted" not in said and re.search(r"^without virtual sensors +in cone", said, re.M)
+    (row, _) = csv.DictReader((tmp_path / "b.csv").open(newline=""))
+    assert (row["condition"], row["run"]) == ("blind", "blind, seed 1"), "in files they stay"
 
 
 @pytest.mark.parametrize(

@@ -107,7 +107,7 @@ def test_measures_of_a_run_are_those_that_are_read_again() -> None:
     experiment = SimpleNamespace(sources=(), robots=())
     task = Task(Job(Setup("it"), 1, {}), experiment)  # type: ignore[arg-type]
     result = {"name": "it", "timesteps": 3, "timestep_s": 0.1, "swarm": {"lit": 1.0}}
-    result |= {"complete": True, "changes": 0, "complaints": ["mine asks for x"]}
+    result |= {"complete": True, "changes": 0, "complaints": ["mine asks for x"], "failed": []}
     result |= {"measures": {"left": 1 / 3, "gone": None}}
     row = outcome(task, result, VoidCriteria()).row
     assert (row.valid, row.note) == (True, "mine asks for x")

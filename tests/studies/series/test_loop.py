@@ -20,6 +20,7 @@ from vsense.base.errors import Interrupted, UsageError, VsenseError
 from vsense.base.terminal import Console, Interruption
 from vsense.modes.sim.fingerprint import software
 from vsense.modes.sim.job import Setup
+from vsense.modes.sim.outcome import SimulatedRunError, Task
 from vsense.run.directory import TIMESTEPS_CSV
 from vsense.run.runs_csv import RunRow, read_runs
 from vsense.studies.series import _simulated
@@ -107,6 +108,10 @@ def test_void_runs_are_kept_named_and_repeated(plan: SeriesPlan) -> None:
     assert f"is invalid: {why}" in said and (loop.end_reason, loop.valid) == ("", 2)
     assert loop.facts()["void"] == [{"run": "run-001", "why": why}]
     assert carried_out(plan)[1] == [], "all is done"
+    lines = [line.split() for line in loop.table()]
+    assert lines[1:] == [["a", "food", "1", "3", "3", "to", "3"], ["b", *lines[1][1:]]]
+    facts = loop.facts()["conditions"][0]
+    assert (facts["condition"], facts["measures"]["food"]["median"]) == ("a", 3.0)
 
 
 def test_too_many_void_runs_end_it_with_every_why(plan: SeriesPlan) -> None:
@@ -159,6 +164,34 @@ def test_what_was_simulated_before_it_ends_is_kept(
             next(made)
         there = [run.name for run in runs if (folder.path / run.name).exists()]
     assert there == [runs[1].name], "nor is there a folder of what never began"
+
+
+def test_a_simulated_run_that_has_failed_has_its_row(
+    plan: SeriesPlan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    experiment: Any = SimpleNamespace(
+        warnings=(), sources=(), name="a", timestep_s=0.1, timesteps=9, controllers=(),
+        robots=(SimpleNamespace(tag=7),),
+    )  # fmt: skip
+    answer = {"error": "a.py:3: no such field", "exit_code": 1, "progress": (5, 0, 0)}
+
+    def simulate(todo: Sequence[Task], **rest: object) -> Iterator[tuple[Task, dict[str, Any]]]:
+        yield todo[0], todo[0].result(answer)
+
+    monkeypatch.setattr(_simulated, "libraries_of", lambda experiment: {})
+    planned: Any = SimpleNamespace(experiment=experiment)
+    console, interrupted = Console(io.StringIO()), Interruption()
+    maker = SimulatedRuns(
+        plan, dict.fromkeys("ab", planned), lambda p, cell: Setup("a"), simulate,
+        console, interrupted,
+    )  # fmt: skip
+    with SeriesFolder(plan.path.parent / "walks", plan, []) as folder:
+        loop = SeriesLoop(plan, folder, lambda runs: maker.make(runs, folder), console, interrupted)
+        with pytest.raises(SimulatedRunError, match=r"^run-001 .*: a\.py:3"):
+            loop.run()
+        (row,) = folder.rows
+    assert (row.run, row.verdict, row.tags) == ("run-001", "void", [7])
+    assert row.why == "failed in mid-run: a.py:3: no such field"
 
 
 def test_what_is_cut_off_is_told_and_counts_for_nothing(plan: SeriesPlan) -> None:

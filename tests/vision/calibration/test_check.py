@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tests.vision.calibration.ideal import CAMERAS
-from tests.vision.tracking.synthetic import Look, Robot, render
+from tests.vision.tracking.synthetic import Look, Robot, inclined, render
 from vsense.cli import main
 from vsense.monitor.recording import calibration_words
 from vsense.monitor.recording.form import ExperimentMessage
@@ -156,6 +156,9 @@ def test_recordings_and_reports_hold_it() -> None:
     ("words", "said"),
     [
         ([], "one of --points and --board"),
+        (["--points", "p.csv", "--seen", "s.csv", "--experiment", "pollutant"],
+         "--experiment: expected --tracking"),
+        (["--tracking", "a", "b", "c"], "--tracking: expected a folder, or resources and"),
         (["--points", "p.csv"], "one of --seen, --tags and --markers"),
         (["--points", "p.csv", "--tags", "4X4_50"], "expected --pictures"),
         (["--board", "charuco:7x5:80mm:4X4_50", "--pictures", "."], "--board: expected --floor"),
@@ -207,3 +210,48 @@ def test_a_second_board_on_the_floor(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert run(folder, *words) == 0
     worst_mm = json.loads(capsys.readouterr().out)["worst_mm"]
     assert worst_mm == pytest.approx(1e3 * np.hypot(0.3, 0.2) * (1 - 0.99 / 1.01), abs=0.2)
+
+
+RESOURCES = """<arena_tracking_system>
+<grabbers>{grabbers}</grabbers>
+<trackers><tracker id="t" family="arrow4x4" tags="31 700" robot_height="0.06" /></trackers>
+<cameras>{cameras}</cameras>
+</arena_tracking_system>"""
+
+
+def test_where_markers_cannot_be_read_is_painted_and_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A camera that looks down reads all, one that is inclined loses what is far."""
+    down = Camera.looking_down("top", 0.0, 0.0, 2.4, 1620.0, (1620, 1220))
+    cameras = [replace(inclined(60, 900.0), id="side"), down]
+    write_cameras(tmp_path / "cameras", cameras)
+    files = {
+        "grabbers": "".join(f'<grabber id="{c.id}" type="directory" path="." />' for c in cameras),
+        "cameras": "".join(
+            f'<camera id="{c.id}" calibration="cameras/{c.id}.json" />' for c in cameras
+        ),
+    }
+    (tmp_path / "resources.xml").write_text(RESOURCES.format(**files))
+    words = ["calibrate", "check", "--tracking", str(tmp_path)]
+    assert main(words) == 0
+    told = capsys.readouterr()
+    assert told.out == f"{tmp_path}/cameras/report/legible.png\n"
+    # 900 px, cells of 5.3 mm seen from 1.44 m above: near the picture's middle they are, along
+    # the view, as wide as 900 x 0.0053 x 1.44 / d^2 px: 1 px where d is 2.62 m.
+    height_m = cameras[0].position_m[2] - 0.06
+    beside_m = np.sqrt(900.0 * 5.3e-3 * height_m - height_m**2)
+    said_m = float(told.err.partition("is read: from ")[2].partition(" m beside")[0])
+    assert said_m == pytest.approx(beside_m, abs=0.03)
+    assert "camera top: arrow4x4 can be read wherever it may be" in told.err
+    picture = cv2.imread(told.out.strip())
+    blue, _, red = picture.astype(int).transpose(2, 0, 1)
+    is_red = red - blue > 90
+    left, right = np.array_split(is_red, 2, axis=1)
+    assert left.mean() > 0.2 and not right.any()
+    # Only a part of what is lost lies in the arena.
+    assert main([*words, "--experiment", "pollutant"]) == 0
+    assert cv2.imread(told.out.strip()).shape == picture.shape
+    shares = [float(told.err.partition("camera side: in ")[2].partition(" %")[0])]
+    shares += [float(capsys.readouterr().err.partition("camera side: in ")[2].partition(" %")[0])]
+    assert 30.0 < shares[1] < shares[0] - 5.0

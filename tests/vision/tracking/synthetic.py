@@ -7,6 +7,7 @@ the exposure.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -181,3 +182,18 @@ def cell_corners(family: MarkerFamily | SquareFamily) -> np.ndarray:
         return np.array([(-half, -half), (half, half)])
     cells, half = family.cells_mm - family.disc_centre_mm, 0.5 * family.cell_mm
     return 1e-3 * np.array([cells.min(axis=0) - half, cells.max(axis=0) + half])
+
+
+INCLINED_PX, INCLINED_M = (1600, 1200), 3.0
+
+
+def inclined(lean_deg: float, focal_px: float) -> Camera:
+    """A camera 3 m from the arena's middle, which it looks at."""
+    c, s = math.cos(math.radians(lean_deg)), math.sin(math.radians(lean_deg))
+    turn = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]]) @ np.diag([1.0, -1.0, -1.0])
+    middle = (INCLINED_PX[0] - 1) / 2, (INCLINED_PX[1] - 1) / 2
+    place = -INCLINED_M * turn[2]
+    lens = (0.0, 0.0, 0.0, 0.0, 0.0)
+    return Camera(
+        "c", *INCLINED_PX, focal_px, focal_px, *middle, lens, tuple(turn.ravel()), tuple(place)
+    )

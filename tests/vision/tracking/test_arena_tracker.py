@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -129,6 +130,39 @@ def test_a_camera_that_delivers_twice_counts_once() -> None:
     arena = tracker([(1, 0.5, 0.5, 0.0)])
     state = arena.update(frames(0, 1) + frames(0, 1, "d"))
     assert state.duplicates == () and arena.counters.repeated_frames == 1
+
+
+HOUR_NS = 3600 * 10**9
+
+
+@pytest.mark.parametrize("off_ns", [HOUR_NS, -HOUR_NS])
+@pytest.mark.parametrize("names", ["abcd", "ad"])
+def test_a_camera_with_a_wrong_clock_costs_itself_and_nobody_else(off_ns: int, names: str) -> None:
+    """Robot 1 is seen by `a` to `c`, robot 2 by `d`, whose clock jumps and comes back."""
+    arena = tracker([(1, 0.0, 0.0, 0.0), (2, 0.5, 0.5, 0.0)])
+    seen, ages_s = [], []
+    for timestep in range(12):
+        off = off_ns if 3 <= timestep < 10 else 0
+        now = [replace(f, capture_ns=f.capture_ns + off * (f.camera == "d")) for f in
+               frames(0, timestep, names if timestep != 6 else "d")]  # fmt: skip
+        state = arena.update(now)
+        seen.append(state.robots["tag"][state.robots["seen"]].tolist())
+        ages_s.append(state.robots["age_ns"].max() / 1e9)
+    assert seen == [[1, 2]] * 3 + [[1]] * 7 + [[1, 2]] * 2
+    assert max(ages_s) < 1.0 and arena.counters.untimely_frames == 7
+    assert arena.counters.notes() == ["7 pictures dated far beside the others' were dropped"]
+
+
+def test_a_camera_with_a_wrong_clock_is_believed_where_it_is_the_only_one_for_long() -> None:
+    arena = tracker([(1, 0.0, 0.0, 0.0), (2, 0.5, 0.5, 0.0)])
+    arena.update(frames(0, 0))
+    late = lambda step, names: [  # noqa: E731
+        replace(f, capture_ns=f.capture_ns + HOUR_NS * (f.camera == "d"))
+        for f in frames(0, step, names)
+    ]
+    arena.update(late(1, "abcd"))
+    tags = [arena.update(late(step, "d")).robots["tag"].tolist() for step in range(2, 14)]
+    assert tags == [[1, 2]] * 9 + [[2]] * 3
 
 
 def test_iridia_defect_12_a_lost_robot_says_so_ages_and_goes() -> None:
@@ -276,3 +310,32 @@ def test_every_pose_says_how_sure_it_is_and_where_the_pictures_show_it() -> None
 def test_a_camera_below_its_robots_is_refused() -> None:
     with pytest.raises(TrackingError, match=r"2\.43 m"):
         ArenaTracker(CAMERAS, Script([]), {1: 0.06, 2: 2.5})
+
+
+@pytest.mark.parametrize("row_time_s", [0.0, 20e-6])
+def test_a_rolling_shutter_dates_each_robot_by_its_row(row_time_s: float) -> None:
+    """Robots drive down the picture at 20 cm/s, in its first and in its last rows."""
+    size, speed_m_s = (640, 1200), 0.2
+    camera = Camera.looking_down("a", 0.0, 0.0, 2.43, 1620.0, size)
+    family, tags = load_family("arrow4x4"), [31, 7167, 52447]
+    arena = ArenaTracker.for_family(
+        [replace(camera, row_time_s=row_time_s)], family, dict.fromkeys(tags, HEIGHT_M)
+    )
+    homes = [(-0.2, 0.75), (0.0, 0.1), (0.2, -0.6)]
+    off_m = []
+    for step in range(8):
+        robots, true_m = [], []
+        for tag, (x_m, y_m) in zip(tags, homes):
+            true_m.append((x_m, y_m - speed_m_s * step * STEP_NS / 1e9))
+            row = camera.project(np.array([*true_m[-1], HEIGHT_M]))[1]
+            shown_m = true_m[-1][1] - speed_m_s * 20e-6 * (row - 599.5)
+            robots.append(Robot(tag, x_m, shown_m, -np.pi / 2))
+        image = render(camera, family, robots, Look(litter=0), step)
+        state = arena.update([Frame("a", image, step, step * STEP_NS, step * STEP_NS)])
+        if step >= 4:
+            seen = [robot(state, tag) for tag in tags]
+            off_m += [row["y_m"] - y_m for row, (_, y_m) in zip(seen, true_m)]
+    arena.close()
+    # 20 us a row, half of 1200 rows: 12 ms, in which a robot drives 2.4 mm.
+    worst_m = max(map(abs, off_m))
+    assert worst_m < 0.3e-3 if row_time_s else 1.5e-3 < worst_m < 2.4e-3

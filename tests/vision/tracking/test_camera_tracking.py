@@ -259,3 +259,38 @@ def test_a_picture_that_the_tracker_leaves_out_ends_nothing(told: list[str]) -> 
     tracking.close()
     assert tracking.figures()["old_pictures"] == 4
     assert tracking.troubles.counts["top", "crowded"] == 1
+
+
+class HourAhead(TwoRates):
+    """Three cameras, of which the clock of one is an hour ahead for a while."""
+
+    def next(self, timeout_s: float) -> list[Frame]:
+        """Gives a timestep."""
+        self._timestep += 1
+        image = self._rng.integers(90, 130, (240, 320)).astype(np.uint8)
+        step, now_ns = self._timestep, 100_000_000 * self._timestep
+        off_ns = {"side": 3_600_000_000_000 if 5 <= step < 15 else 0}
+        names = ("top", "side", "back")
+        return [Frame(name, image, step, now_ns + off_ns.get(name, 0), 0) for name in names]
+
+
+def test_a_camera_whose_clock_is_an_hour_ahead_is_told_and_so_is_the_end(told: list[str]) -> None:
+    more = [
+        Camera.looking_down(name, 1.0, 0.0, 2.4, 400.0, (320, 240)) for name in ("side", "back")
+    ]
+    tracking = CameraTracking(
+        HourAhead(), ArenaTracker([CAMERA, *more], Full(), {1: 0.06}), told.append, check_all=True
+    )
+    for step in range(20):
+        state, _ = tracking.next(1.0)
+        assert state.capture_ns == 100_000_000 * step
+        tracking.check_cameras()
+        present = ("side", "untimely") in tracking.troubles.present
+        assert present == (7 <= step < 17)
+    tracking.close()
+    assert [line for line in told if "clock" in line or "time" in line] == [
+        "camera side: its clock is 3600.00 s ahead of the other cameras':"
+        " its pictures are left out",
+        "camera side: has the other cameras' time again",
+    ]
+    assert tracking.figures()["old_pictures"] == 10

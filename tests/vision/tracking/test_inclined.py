@@ -9,27 +9,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, render
+from tests.vision.tracking.synthetic import HEIGHT_M, INCLINED_PX, Look, Robot, inclined, render
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import load_family
 from vsense.vision.tracking._kernel import Kernel
 
-PX = 1600, 1200
-AWAY_M = 3.0
 LOOK = Look(light=0.15, vignetting=0.2)
 OPENCV = {"apriltag_36h11": "DICT_APRILTAG_36h11", "aruco_4x4_50": "DICT_4X4_50"}
 FRONTAL = {"arrow4x4": 0.95, "apriltag_36h11": 0.85, "aruco_4x4_50": 0.98}
 """Shares that are found of 336 discs of 16 to 27 px below a camera that looks straight down."""
-
-
-def inclined(lean_deg: float, focal_px: float) -> Camera:
-    """A camera 3 m from the arena's middle, which it looks at."""
-    c, s = math.cos(math.radians(lean_deg)), math.sin(math.radians(lean_deg))
-    turn = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]]) @ np.diag([1.0, -1.0, -1.0])
-    middle = (PX[0] - 1) / 2, (PX[1] - 1) / 2
-    place = -AWAY_M * turn[2]
-    lens = (0.0, 0.0, 0.0, 0.0, 0.0)
-    return Camera("c", *PX, focal_px, focal_px, *middle, lens, tuple(turn.ravel()), tuple(place))
 
 
 def short_axis_px(camera: Camera, x_m: float, y_m: float, disc_m: float) -> float:
@@ -48,7 +36,9 @@ def scatter(
     """Robots all over the picture, the far ones first."""
     robots: list[Robot] = []
     while len(robots) < len(tags):
-        x, y = camera.to_plane(rng.uniform((60, 60), (PX[0] - 60, PX[1] - 60)), HEIGHT_M)
+        x, y = camera.to_plane(
+            rng.uniform((60, 60), (INCLINED_PX[0] - 60, INCLINED_PX[1] - 60)), HEIGHT_M
+        )
         apart = [(x - robot.x_m) ** 2 + (y - robot.y_m) ** 2 for robot in robots]
         if short_axis_px(camera, x, y, disc_m) >= 16.0 and min(apart, default=1.0) > 2 * disc_m**2:
             yaw = rng.uniform(-math.pi, math.pi)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, render
+from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, inclined, render
 from vsense import cli
 from vsense.base.clock import host_ns
 from vsense.config import tracking_session
@@ -19,6 +19,7 @@ from vsense.vision.markers._dictionary import load_codes
 from vsense.vision.markers.families import MarkerFamily, SquareFamily, load_family
 from vsense.vision.tracking import opening
 from vsense.vision.tracking._detector import make_detector
+from vsense.vision.tracking._legibility import legibility
 from vsense.vision.tracking.marker_detector import cell_width, cell_width_seen
 from vsense.vision.tracking.opening import open_tracking
 
@@ -94,6 +95,33 @@ def test_any_dictionary_and_any_cells_have_limits() -> None:
     assert (cell_width(fine, 1.0).least_px, cell_width(fine, 1.0).good_px) == (0.7, 0.7)
 
 
+def test_an_inclined_camera_reads_what_it_is_said_to_read() -> None:
+    family, camera = load_family("arrow4x4"), inclined(60, 900.0)
+    legible = legibility(family, camera, HEIGHT_M, columns=160)
+    roster = families.parse_tags("auto:20", family)
+    named: dict[bool, list[bool]] = {True: [], False: []}
+    for seed in range(4):
+        rng, robots, unread = np.random.default_rng(seed), list[Robot](), dict[int, bool]()
+        while len(robots) < 20:
+            row, column = (int(rng.integers(8, n - 8)) for n in legible.widths_px.shape)
+            x, y = legible.places_m[row, column].tolist()
+            is_clear = legible.unread[row, column] or not legible.seldom[row, column]
+            # Sky and what is smaller than a pixel is left out, and so are neighbours.
+            if legible.widths_px[row, column] < 0.5 or not is_clear:
+                continue
+            if all(np.hypot(r.x_m - x, r.y_m - y) > 0.1 for r in robots):
+                unread[tag := roster[len(robots)]] = bool(legible.unread[row, column])
+                robots.append(Robot(tag, x, y, float(rng.uniform(-np.pi, np.pi))))
+        robots.sort(key=lambda robot: robot.y_m)
+        image = render(camera, family, robots, Look(light=0.15, vignetting=0.2), seed)
+        seen = make_detector(family, roster, HEIGHT_M).detect(image, camera)["tag"].tolist()
+        for tag, is_unread in unread.items():
+            named[is_unread].append(tag in seen)
+    assert min(map(len, named.values())) >= 20
+    assert np.mean(named[False]) >= 0.97 and np.mean(named[True]) < 0.4
+    assert legible.in_words().startswith("in 54 % of where its picture may show")
+
+
 RESOURCES = """<arena_tracking_system>
 <grabbers><grabber id="g" type="camera" device="/dev/video_none" />
 <grabber id="r" type="directory" path="pictures" /></grabbers>
@@ -115,6 +143,15 @@ def write(folder: Path, height_m: float, grabber: str) -> list[str]:
     (folder / "resources.xml").write_text(RESOURCES)
     (folder / "experiment.xml").write_text(EXPERIMENT.format(grabber=grabber))
     return [str(folder / "resources.xml"), str(folder / "experiment.xml")]
+
+
+def test_what_an_inclined_camera_cannot_read_is_told_when_it_is_opened(tmp_path: Path) -> None:
+    files = write(tmp_path, 1.6, "r")
+    (tmp_path / "far.json").write_text(replace(inclined(60, 2000.0), id="far").to_json())
+    told: list[str] = []
+    open_tracking(tracking_session.load(*files), host_ns, told.append).close()
+    (line,) = (line for line in told if "oblique" in line)
+    assert line.startswith("camera far: ") and "calibrate check --tracking paints it" in line
 
 
 def test_a_camera_too_far_away_is_refused_before_it_is_opened_and_with_the_numbers(

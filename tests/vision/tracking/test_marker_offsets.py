@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from vsense.config.roster_fields import MarkerOffset
-from vsense.vision.tracking._views import VIEW, covariances
-from vsense.vision.tracking.arena_tracker import MarkerOffsets
+from vsense.vision.tracking._views import VIEW, MarkerOffsets, covariances
 
 OFFSET = MarkerOffset(0.003, 0.001, math.radians(5.0))
 OFFSETS = MarkerOffsets({31: OFFSET, 23: MarkerOffset(yaw_rad=math.pi)})

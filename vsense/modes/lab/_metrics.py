@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from vsense.base.arena import wrap_angle
 from vsense.config.specs import Experiment
-from vsense.modes.lab._swarm import UNKNOWN_AGE
 from vsense.monitor.pictures.run_samples import RunSamples
 from vsense.world.entities import BODY_RADIUS_M, Arena
 
@@ -77,6 +76,10 @@ class MeasuredRun:
     turn: int | None
     lateness_ms: list[float]
     link: dict[str, int]
+
+
+UNKNOWN_AGE = -1
+"""In a trace: a controller did not know how old what it read was."""
 
 
 def figures(run: MeasuredRun) -> dict[str, Any]:

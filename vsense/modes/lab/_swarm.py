@@ -20,7 +20,10 @@ from numpy.typing import NDArray
 from vsense.base.clock import pace
 from vsense.base.processes import describe_exit, end
 from vsense.base.shared import LabError
+from vsense.config.specs import Experiment
+from vsense.modes.lab._metrics import UNKNOWN_AGE
 from vsense.modes.lab.hardware import EmulatedRadio
+from vsense.robots import build
 from vsense.robots.crashes import words_of_log
 from vsense.robots.link.keys import KeySource, robot_file, write_private
 
@@ -36,7 +39,7 @@ _NO_RADIOS: Mapping[int, EmulatedRadio] = {}
 
 
 @dataclass(frozen=True, slots=True)
-class Robot:
+class LabRobot:
     """One robot of the lab.
 
     Attributes:
@@ -65,7 +68,7 @@ class Robot:
         return ahead_ns - round(ahead_ns * self.clock_drift_ppm / (1e6 + self.clock_drift_ppm))
 
 
-class Swarm:
+class LabSwarm:
     """All daemons of one run. They are in sessions of their own: Ctrl-C is the lab's to handle."""
 
     def __init__(
@@ -90,12 +93,12 @@ class Swarm:
         self._directory = directory
         self._directory.mkdir(parents=True, exist_ok=True)
         self._processes: dict[int, subprocess.Popen[bytes]] = {}
-        self.robots: list[Robot] = []
-        self._ever: list[Robot] = []
+        self.robots: list[LabRobot] = []
+        self._ever: list[LabRobot] = []
 
     def start(
         self, daemon: Path, tag: int, name: str, base: str, settings: Mapping[str, str] = _NONE
-    ) -> Robot:
+    ) -> LabRobot:
         """Starts the daemon of one robot and leaves a script that starts it again.
 
         `settings` are more options of it, by name.
@@ -104,7 +107,7 @@ class Swarm:
         while trace in (robot.trace for robot in self._ever):
             again += 1
             trace = self._directory / f"{tag}-{again}.trace"
-        robot = Robot(
+        robot = LabRobot(
             daemon,
             tag,
             name,
@@ -169,7 +172,7 @@ class Swarm:
         )
         return list(said)
 
-    def fallen(self) -> list[tuple[Robot, str]]:
+    def fallen(self) -> list[tuple[LabRobot, str]]:
         """Daemons that have ended since the last call, and how."""
         ended = []
         for robot in self.robots:
@@ -192,10 +195,10 @@ class Swarm:
         for robot in self.robots:
             self._key_file(robot).unlink(missing_ok=True)
 
-    def _key_file(self, robot: Robot) -> Path:
+    def _key_file(self, robot: LabRobot) -> Path:
         return self._directory / f"{robot.tag}.key"
 
-    def _who(self, robot: Robot) -> list[str]:
+    def _who(self, robot: LabRobot) -> list[str]:
         """The options that say who a robot is; writes its key's file."""
         uid = hashlib.sha256(f"vsense lab robot {robot.tag}".encode()).digest()[:16]
         if self._keys is None:
@@ -204,7 +207,7 @@ class Swarm:
         write_private(file, robot_file(uid, self._keys.robot_key(uid)), 0o600)
         return ["--key", str(file.resolve())]
 
-    def _command(self, robot: Robot) -> list[str]:
+    def _command(self, robot: LabRobot) -> list[str]:
         return [
             str(robot.daemon),
             *("--host", self._host, "--port", str(self._port)),
@@ -235,10 +238,14 @@ where none is judged); `age_ns` (-1: unknown) and `stale` are the controller's. 
 are the commanded wheel speeds [steps/s].
 """
 
-UNKNOWN_AGE = -1
+
+def daemons_of(experiment: Experiment) -> dict[str, Path]:
+    """The daemon of each controller that drives robots, by its id; raises as `build.daemon`."""
+    driving = {robot.controller for robot in experiment.robots}
+    return {c.id: build.daemon(c.program) for c in experiment.controllers if c.id in driving}
 
 
-def read_trace(robot: Robot, sensors: Sequence[str], judged: str | None) -> NDArray[np.void]:
+def read_trace(robot: LabRobot, sensors: Sequence[str], judged: str | None) -> NDArray[np.void]:
     """Reads a robot's trace: (n,) TRACE; empty where the daemon never made a step.
 
     `judged` is the one of its sensors whose value, one single, is read; None: no value is read. A
@@ -258,7 +265,7 @@ def read_trace(robot: Robot, sensors: Sequence[str], judged: str | None) -> NDAr
 
 
 def _row(
-    robot: Robot, words: list[str], sensors: Sequence[str], judged: str | None, where: str
+    robot: LabRobot, words: list[str], sensors: Sequence[str], judged: str | None, where: str
 ) -> tuple[object, ...]:
     fields = dict(zip(words[::2], words[1::2]))
     try:

@@ -18,10 +18,9 @@ from vsense.base.clock import host_ns
 from vsense.base.terminal import printable
 from vsense.config.specs import Experiment
 from vsense.modes.lab._physics_process import PhysicsHandle
-from vsense.modes.lab._swarm import Swarm
+from vsense.modes.lab._swarm import LabSwarm, daemons_of
 from vsense.modes.lab.hardware import EmulatedRadio
 from vsense.modes.lab.truth import TruthReader, make_ring
-from vsense.robots import build
 from vsense.robots.link.keys import KeySource
 
 TRACKER_CONNECT_TIMEOUT_S = 0.1
@@ -115,13 +114,13 @@ class Rehearsal:
         """Starts all robots of a settled experiment.
 
         `directory`, `seed`, `base` and `watchdog` are those of `PhysicsHandle`, `address`, `keys`
-        and `radios` those of `Swarm`. Raises VsenseError where something of it cannot be made.
+        and `radios` those of `LabSwarm`. Raises VsenseError where something of it cannot be made.
         """
         self.robots = len(experiment.robots)
         self._timestep_ns = experiment.timestep_ns
         self._tags = list(experiment.tags.values())
         self._tracker, self._say = tracker, say
-        daemons = {c.id: build.daemon(c.program) for c in experiment.controllers}
+        daemons = daemons_of(experiment)
         with ExitStack() as stack:
             stack.callback(tracker.close)
             truth = make_ring(len(self._tags))
@@ -130,7 +129,7 @@ class Rehearsal:
             stack.callback(self._truth.close)
             self._floor = PhysicsHandle(experiment, truth.name, seed, directory, base, watchdog)
             stack.callback(self._floor.close)
-            self._swarm = Swarm(*address, seed, directory / "robots", keys, radios)
+            self._swarm = LabSwarm(*address, seed, directory / "robots", keys, radios)
             stack.callback(self._swarm.end)
             for robot, base_of in zip(experiment.robots, self._floor.bases):
                 self._swarm.start(daemons[robot.controller], robot.tag, robot.id, base_of)

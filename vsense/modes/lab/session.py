@@ -20,7 +20,7 @@ from vsense.modes.lab._grabber import LabGrabber
 from vsense.modes.lab._metrics import TrackingTally
 from vsense.modes.lab._optics import vignetting
 from vsense.modes.lab._physics_process import PhysicsHandle
-from vsense.modes.lab._swarm import Robot, Swarm
+from vsense.modes.lab._swarm import LabRobot, LabSwarm, daemons_of
 from vsense.modes.lab.calibrated import CalibratedRig
 from vsense.modes.lab.hardware import NOMINAL, EmulatedLab, LabRobots, to_markers
 from vsense.modes.lab.truth import TruthReader, make_ring
@@ -75,7 +75,7 @@ class RunNotes:
     seed: int
     directory: Path
     experiment: Experiment
-    robots: Sequence[Robot]
+    robots: Sequence[LabRobot]
     parts: Sequence[Mapping[str, Any]] = ()
     resting: tuple[str, ...] = ()
     record: RunRecord = field(default_factory=lambda: RunRecord(ended=""))
@@ -116,6 +116,7 @@ class Session(ExperimentSession):
         self._lab = lab
         self.rig, self.robots = rig, robots
         self._ready = False
+        self._fallen: list[str] = []
         self.dt_ns = setup.experiment.timestep_ns
 
     def _open(self) -> None:
@@ -134,7 +135,7 @@ class Session(ExperimentSession):
         grabber = LabGrabber(spec)
         self._stack.callback(grabber.close)
         self._grabber = grabber
-        daemons = {c.id: build.daemon(c.program) for c in experiment.controllers}
+        daemons = daemons_of(experiment)
         self.cameras = grabber.cameras if self.rig is None else list(self.rig.solved)
         self.tracking = self._track(grabber)
         self._stack.callback(self.tracking.close)
@@ -144,7 +145,7 @@ class Session(ExperimentSession):
         self._stack.callback(self.floor.close)
         keys = self.setup.trust.keys
         place = experiment.host, port, seed, self.directory / "robots"
-        self.swarm = Swarm(*place, keys, self.robots.radios)
+        self.swarm = LabSwarm(*place, keys, self.robots.radios)
         self._stack.callback(self.swarm.end)
         for robot, base in zip(experiment.robots, self.floor.bases):
             settings = self.robots.settings.get(robot.tag, {})
@@ -218,6 +219,7 @@ class Session(ExperimentSession):
             if not self._ready:
                 said = boards.in_words(log.read_text(errors="replace")).strip().splitlines()
                 raise LabError(f"robot {robot.tag}: its daemon {how}: {said[-1] if said else ''}")
+            self._fallen.append(f"robot {robot.tag}'s controller {how}")
             self.setup.console.say(
                 f"robot {robot.tag}: its daemon {how} (log: {log});"
                 " the experiment goes on without it;"
@@ -271,8 +273,10 @@ class Session(ExperimentSession):
                 self.setup.console.say(f"loop functions: {text}")
 
     def record_of(self, figures: Figures, failure: VsenseError | None) -> RunRecord:
-        """See `ExperimentSession`; what controllers complain of is in their logs here."""
-        return replace(super().record_of(figures, failure), complaints=self.swarm.complaints())
+        """See `ExperimentSession`; of controllers their logs tell here, and how daemons ended."""
+        record = super().record_of(figures, failure)
+        failed = (*record.failed, *self._fallen)
+        return replace(record, complaints=self.swarm.complaints(), failed=failed)
 
     def _run_timesteps(self, notes: RunNotes, observe: Callable[[Step], None]) -> None:
         samples = notes.samples
@@ -298,6 +302,7 @@ class Session(ExperimentSession):
         """See `ExperimentSession`."""
         for notes in self.recordings:
             notes.seen.pack()
+        self._fallen.clear()
         super().next_run()
 
     def _unable(self, tag: int) -> str:

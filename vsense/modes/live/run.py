@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from vsense.base.arena import Frame
 from vsense.base.errors import VsenseError
+from vsense.base.terminal import shorten
 from vsense.config.specs import Experiment
 from vsense.modes.live.session import RunSession
 from vsense.monitor.pictures import run_figure
@@ -26,7 +27,7 @@ from vsense.run.cast import played
 from vsense.run.directory import RunLog
 from vsense.run.figures import Figures, TimestepSample
 from vsense.run.link_check import RunLinkCheck
-from vsense.run.robots import Readiness, shorten
+from vsense.run.robots import Readiness
 from vsense.run.runtime import Step
 from vsense.run.verdict import RunRecord, judged
 from vsense.vision.cameras.camera import Camera

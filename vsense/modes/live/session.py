@@ -268,12 +268,10 @@ class ExperimentSession(ABC):
                 text = f"robot {new} does not take the role of {out}: {error}"
                 self.setup.console.say(text, "trouble")
                 continue
-            part = parts_of(self.experiment)[new]
+            part, control = parts_of(self.experiment)[new], self.runner.control
             whose = "its own role" if part == new else f"the role of {part}"
-            control = self.runner.control
-            run = control.run + (control.state is State.ENDED)
-            text = f"robot {new} takes {whose} from run {run} on"
-            self.setup.console.say(f"{wish.by}: {text}", "warning")
+            text = f"{whose} from run {control.run + (control.state is State.ENDED)} on"
+            self.setup.console.say(f"{wish.by}: robot {new} takes {text}", "warning")
 
     def _put_in_spares(self) -> None:
         """Has the roster's spares play for robots whose batteries are low, while there are some."""
@@ -300,7 +298,9 @@ class ExperimentSession(ABC):
 
     def record_of(self, figures: Figures, failure: VsenseError | None) -> RunRecord:
         """What there was of the run that is over: by its figures, and what has ended it."""
-        return figures.record(self.runner, self.resting, self.away, self._changes.carried, failure)
+        changes = self._changes.carried
+        record = figures.record(self.runner, self.resting, self.away, changes, failure)
+        return replace(record, failed=self.environment.failed())
 
     def judge(self, record: RunRecord) -> None:
         """Has page, recording and terminal know whether the run that is over is valid."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +14,8 @@ from vsense.monitor.recording import MCAP
 from vsense.run.directory import LOGGED, TRAJECTORY, RunTables
 
 if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
+
     from vsense.modes.sim._paced import PacedRun
     from vsense.modes.sim._publishing import SimPublisher
     from vsense.modes.sim._recording import SimRecorder
@@ -41,7 +42,7 @@ class KeptRun:
         self._paced: PacedRun | None = None
         if job.directory is not None:
             experiment = run.environment.experiment
-            run.samples = RunSamples(experiment)
+            run.samples = RunSamples(experiment, 1)  # a simulation misses none
             run.record.keep_events(Path(job.directory) / LOGGED)
             note = lambda text: run.record.note_event(len(run.record.timesteps), text)  # noqa: E731
             self._tables = RunTables(Path(job.directory), experiment.timestep_s, note)

@@ -21,6 +21,7 @@ The next job comes after the answer. The process ends with its standard input.
 from __future__ import annotations
 
 import fcntl
+import gc
 import json
 import mmap
 import os
@@ -29,15 +30,15 @@ import signal
 import sys
 import time
 import traceback
-from contextlib import suppress
+from contextlib import redirect_stdout, suppress
 from dataclasses import replace
-from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from vsense.base.errors import VsenseError
 from vsense.base.processes import read_line
 from vsense.base.terminal import Console
+from vsense.base.users_code import UsersCode
 from vsense.config.devices import virtual_devices
 from vsense.config.specs import Experiment
 from vsense.modes.sim import fingerprint
@@ -47,7 +48,9 @@ from vsense.modes.sim.job import Job, Setup
 from vsense.robots.crashes import CrashNote
 from vsense.robots.inprocess import declarations
 from vsense.run.programs import RUN_PROGRESS_BYTES, shared_objects
-from vsense.world.loop_functions import UsersCode
+
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
 
 EVENTS_TOLD = 20
 """Of what controllers log so many lines come with the result; events.csv has them all."""
@@ -63,9 +66,9 @@ def simulate(
     Returns:
         The experiment's `name`, number of `robots` and `timesteps`, `timestep_s`, `wall_s` that
         the timesteps took and `cpu_s` of this process for them, `swarm` as of `metrics.swarm`,
-        `measures` of the experiment's own, whether it is `complete` or was stopped, how many
-        `changes` people made to its world, `complaints` of controllers, and of what they logged
-        the first `events` (seconds and words) and how many there are; `recording`, see `KeptRun`.
+        `measures` of its own, whether it is `complete` or was stopped, `changes`: how often people
+        changed its world, `complaints` of controllers, which have `failed`, the first `events` that
+        they logged (seconds and words) and their number; `recording`, see `KeptRun`.
 
     Raises:
         VsenseError: the run cannot be had.
@@ -102,6 +105,7 @@ def _notes(run: Simulation, files: KeptRun) -> dict[str, Any]:
     whose["timestep_s"] = experiment.timestep_s
     events_data = {"events": events[:EVENTS_TOLD], "events_in_all": len(events)}
     facts = {"complete": run.is_whole, "changes": files.changes, "complaints": run.complaints()}
+    facts["failed"] = run.failed()
     return {**whose, "swarm": run.record.swarm(), **facts, **events_data}
 
 
@@ -171,6 +175,7 @@ class Worker:
         prepare(job, self._page is not None)
         self._share(job)
         source, target = os.pipe()
+        gc.freeze()  # what is here already is no garbage of the fork's, which leaves it shared
         # The fork dies with this process, even in an endless loop: see `_die_with_parent`.
         alive, life = os.pipe()
         pid = os.fork()
@@ -217,17 +222,8 @@ class Worker:
             os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
             os.close(self._answers)
             self._crash.watch()
-            try:
-                job = settled(job)
-                experiment = self._experiment or job.setup.load()
-                shares = not UsersCode.ran
-                result = simulate(job, experiment, self._progress, self._page)
-                answer: dict[str, Any] = {"result": result, "shares": shares}
-            except NotHere as error:
-                answer = {"refused": str(error)}
-            except VsenseError as error:
-                answer = {"error": str(error), "exit_code": error.exit_code}
-            data = json.dumps(answer).encode()
+            with redirect_stdout(sys.stderr):  # which keeps nothing back
+                data = json.dumps(self._answer_to(job)).encode()
             while data:
                 data = data[os.write(target, data) :]
             code = 0
@@ -235,6 +231,18 @@ class Worker:
             traceback.print_exc()
         finally:
             os._exit(code)
+
+    def _answer_to(self, job: Job) -> dict[str, Any]:
+        try:
+            job = settled(job)
+            experiment = self._experiment or job.setup.load()
+            shares = not UsersCode.ran
+            result = simulate(job, experiment, self._progress, self._page)
+        except NotHere as error:
+            return {"refused": str(error)}
+        except VsenseError as error:
+            return {"error": str(error), "exit_code": error.exit_code}
+        return {"result": result, "shares": shares}
 
 
 def _die_with_parent(alive: int) -> None:
@@ -261,9 +269,9 @@ def _listen(source: int, pid: int) -> bytes | None:
         answer += part
 
 
-def main() -> int:
-    """Runs the process; see the module."""
-    progress = mmap.mmap(int(sys.argv[1]), RUN_PROGRESS_BYTES)
+def run(progress: int, page: int | None = None) -> int:
+    """Does the process's work; the descriptors are those of the module's arguments."""
+    memory = mmap.mmap(progress, RUN_PROGRESS_BYTES)
     answers = os.dup(1)
     os.dup2(2, 1)
     try:
@@ -272,10 +280,14 @@ def main() -> int:
     except VsenseError as error:
         Console().say(f"vsense sim: {error}")
         return error.exit_code
-    page = Connection(int(sys.argv[2])) if len(sys.argv) > 2 else None
-    Worker(progress, answers, page).work()
+    watcher = None
+    if page is not None:
+        from multiprocessing.connection import Connection
+
+        watcher = Connection(page)
+    Worker(memory, answers, watcher).work()
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run(*map(int, sys.argv[1:])))

@@ -14,61 +14,19 @@ from vsense.config.placement import settle
 from vsense.config.specs import Experiment
 from vsense.modes import origin
 from vsense.modes.lab._metrics import swarm_rows
-from vsense.modes.options import ExperimentOptions, choose_seed, say_warnings
-from vsense.modes.sim.job import Job, Setup
-from vsense.modes.sim.outcome import Task, libraries_of, record_of
+from vsense.modes.options import choose_seed, say_warnings
+from vsense.modes.sim.job import Job, Setup, SimOptions, setup_of
+from vsense.modes.sim.outcome import SimulatedRunError, Task, libraries_of, record_of
 from vsense.modes.sim.watch import Show, WorkerProcess, simulate_all
-from vsense.monitor import recording
 from vsense.monitor.recording import MCAP, size_line
 from vsense.run import directory as run_directory
 from vsense.run.directory import LOGGED, TRAJECTORY
 from vsense.run.environment import MOST_SEED
-from vsense.run.verdict import VoidCriteria, judge, table_rows
+from vsense.run.verdict import VoidCriteria, exit_code, judge, table_rows
 
 if TYPE_CHECKING:
     from vsense.modes.sim._room import SimRoom
     from vsense.modes.sim._watched import WatchedRuns
-    from vsense.monitor.ui.access import FoxgloveAddress, WebAddress
-    from vsense.monitor.ui.room import RoomOptions
-
-
-@dataclass(frozen=True, slots=True)
-class SimOptions:
-    """How an experiment is simulated.
-
-    Attributes:
-        experiment: which, and how it is read.
-        web: where a page shows the run; None: nowhere.
-        foxglove: where Foxglove does, too.
-        speed: times real time, at which a page's run begins; None: 1.
-        hold: it begins paused.
-        locked: nobody may change the world on the page.
-        record: every run has a recording.
-        json: the figures are printed on standard output.
-    """
-
-    experiment: ExperimentOptions
-    web: WebAddress | None = None
-    foxglove: FoxgloveAddress | None = None
-    speed: float | None = None
-    hold: bool = False
-    locked: bool = False
-    record: bool = False
-    json: bool = False
-
-    @property
-    def room(self) -> RoomOptions:
-        """How a page shows it."""
-        from vsense.monitor.ui.room import RoomOptions  # a run without a page begins sooner
-
-        return RoomOptions(self.web, self.foxglove, hold=self.hold, locked=self.locked)
-
-    def check(self) -> None:
-        """Raises UsageError where something is missing that the run needs."""
-        if self.record:
-            recording.require()
-        if self.web is not None:
-            self.room.check()
 
 
 def run(options: SimOptions) -> int:
@@ -81,31 +39,28 @@ def run(options: SimOptions) -> int:
         UsageError: something is missing or does not go together.
         VsenseError: it cannot be simulated, or has failed.
     """
-    options.check()
-    experiment, console = options.experiment.load(), Console()
-    setup = setup_of(options.experiment)
-    experiment = setup.fit(experiment)
-    say_warnings(experiment, console)
+    console = Console()
+    runs = _SingleRun.of(options, console)
     with interruption() as interrupted:
         try:
-            runs = _SingleRun(options, setup, experiment, console, interrupted)
-            return runs.run() if options.web is None else runs.run_watched()
+            if options.web is None:
+                return exit_code([runs.run(interrupted)[0]])
+            return runs.run_watched(interrupted)
         except Interrupted:
             console.end_progress()
             return interrupted.code
 
 
-def setup_of(options: ExperimentOptions) -> Setup:
-    """What runs of an experiment are made from."""
-    return Setup(
-        options.experiment,
-        options.duration,
-        options.robots,
-        options.blind,
-        options.settings,
-        options.code,
-        options.casting,
-    )
+def simulate(
+    options: SimOptions, console: Console, interrupted: Interruption
+) -> tuple[dict[str, Any], Path]:
+    """Simulates an experiment once: its figures, as summary.json has them, and its folder.
+
+    Raises:
+        Interrupted: `interrupted` was set; the figures until then are in the folder.
+        UsageError, VsenseError: as `run`.
+    """
+    return _SingleRun.of(options, console).run(interrupted)
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,28 +71,35 @@ class _SingleRun:
     setup: Setup
     experiment: Experiment
     console: Console
-    interrupted: Interruption
 
-    def run(self) -> int:
+    @classmethod
+    def of(cls, options: SimOptions, console: Console) -> _SingleRun:
+        """Loads the experiment; raises as `run`."""
+        options.check()
+        setup = setup_of(options.experiment)
+        experiment = setup.fit(options.experiment.load())
+        say_warnings(experiment, console)
+        return cls(options, setup, experiment, console)
+
+    def run(self, interrupted: Interruption) -> tuple[dict[str, Any], Path]:
         """Does the run: figures, trajectories, and a table for people; raises as `simulate_all`."""
         job = self._job()
         self._announce(job)
+        tasks = [Task(job, self.experiment)]
         try:
-            for _, result in simulate_all(
-                [Task(job, self.experiment)], 1, self.interrupted, self._show()
-            ):
-                self._report(job, result, self.options.json)
-        except VsenseError:
-            self._say_failure(job)
+            for _, result in simulate_all(tasks, 1, interrupted, self._show()):
+                summary = self._report(job, result, self.options.json)
+        except VsenseError as error:
+            self._report_failure(job, error, self.options.json)
             raise
-        return 0
+        return summary, Path(job.directory or ".")
 
-    def run_watched(self) -> int:
+    def run_watched(self, interrupted: Interruption) -> int:
         """Does runs that a page watches, until a signal ends the process.
 
         Returns:
-            0; 130 after Ctrl-C, 143 after SIGTERM in the middle of a run, whose figures and files
-            are there all the same; as of the newest run's failure.
+            As `exit_code`; 130 after Ctrl-C, 143 after SIGTERM in the middle of a run, whose
+            figures and files are there all the same; as of the newest run's failure.
         """
         # These need the extra `web`.
         from vsense.modes._several import Series
@@ -152,15 +114,15 @@ class _SingleRun:
             SimRoom(control_room, self.experiment, seed, speed) as room,
         ):
             directory = run_directory.make(output, self.experiment.name, seed)
-            series = Series(directory, 1, False, self.interrupted)
-            with WatchedRuns(room, self.interrupted) as runs:
+            series = Series(directory, 1, False, interrupted)
+            with WatchedRuns(room, interrupted) as runs:
                 summaries = list(self._watched(room, runs, series.directory, libraries))
             series.write_summary(self.experiment.name, summaries, self.options.json)
         if self.options.json and summaries and not series.several:
             print_data(json.dumps(summaries[0], indent=2))
         if runs.failure is not None:
             return runs.failure.exit_code
-        return self.interrupted.code if runs.cut else 0
+        return interrupted.code if runs.cut else exit_code(summaries)
 
     def _watched(
         self,
@@ -180,7 +142,7 @@ class _SingleRun:
                 console.end_progress()
                 yield self._report(job, result, False, control.why)
             except VsenseError as error:
-                self._say_failure(job)
+                yield from self._report_failure(job, error)
                 # The page stays: who watches shall see what has failed, and may go on.
                 console.say(f"vsense: {error}", "trouble")
             room.end_run()
@@ -233,9 +195,24 @@ class _SingleRun:
 
         return show
 
-    def _say_failure(self, job: Job) -> None:
+    def _report_failure(
+        self, job: Job, error: VsenseError, on_stdout: bool = False
+    ) -> list[dict[str, Any]]:
+        """Says that a run has failed, and writes its figures, if it was one; gives these."""
         self.console.end_progress()
+        summaries = []
+        if isinstance(error, SimulatedRunError):
+            summaries = [self._summary(job, error.result)]
+            run_directory.write_summary(Path(job.directory or "."), summaries[0], on_stdout)
         self.console.say(f"the run has failed; what there is of it: {job.directory}")
+        return summaries
+
+    def _summary(self, job: Job, result: dict[str, Any], ended: str = "") -> dict[str, Any]:
+        """A run's figures with their verdict."""
+        record = record_of(result, ended)
+        swarm = {"swarm": result["swarm"]} if self.experiment.sources else {}
+        verdict = judge(record, VoidCriteria()).facts()
+        return {**_summarise(job, result), "ended": record.ended, **swarm, **verdict}
 
     def _report(
         self, job: Job, result: dict[str, Any], on_stdout: bool, ended: str = ""
@@ -243,10 +220,7 @@ class _SingleRun:
         """Writes and prints a run's figures; `ended`: why, where it did before its end."""
         console, directory = self.console, Path(job.directory or ".")
         console.end_progress()
-        record = record_of(result, ended)
-        swarm = {"swarm": result["swarm"]} if self.experiment.sources else {}
-        verdict = judge(record, VoidCriteria()).facts()
-        summary = {**_summarise(job, result), **swarm, **verdict}
+        summary = self._summary(job, result, ended)
         self._say_events(result, directory)
         run_directory.write_summary(directory, summary, on_stdout)
         console.say(_table(summary))
@@ -276,7 +250,7 @@ def _say_recording(console: Console, state: dict[str, Any]) -> None:
 
 def _summarise(job: Job, result: dict[str, Any]) -> dict[str, Any]:
     """Gives a run's figures under the names that scripts rely on."""
-    duration_s = result["timesteps"] * result["timestep_s"]
+    duration_s, wall_s = result["timesteps"] * result["timestep_s"], result["wall_s"]
     return {
         "experiment": result["name"],
         "seed": job.seed,
@@ -285,7 +259,7 @@ def _summarise(job: Job, result: dict[str, Any]) -> dict[str, Any]:
         "robots": result["robots"],
         "timesteps": result["timesteps"],
         "duration_s": round(duration_s, 3),
-        "speedup": round(duration_s / result["wall_s"], 1),
+        "speedup": None if wall_s is None else round(duration_s / wall_s, 1),
         "measures": result["measures"],
     }
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import ast
 import hashlib
-import html
 import json
 import math
 import os
@@ -91,17 +90,14 @@ def of_files(task: Task) -> dict[str, str]:
         files[experiment.loop_functions.path] = None
         programs += [p for p in [experiment.loop_functions.program] if p is not None]
     for program in programs:
+        if program.is_python:  # the experiment names it, so `named_files` has what it imports
+            files.update(dict.fromkeys(program.sources))
+            continue
         sources = build.source_tree().runtime(program).dependencies(native())
         files.update(dict.fromkeys(sources))
-    ours = [PACKAGE_FOLDER, *_folders()]
+    ours = [PACKAGE_FOLDER, *build.source_tree().resolved()]
     users = [p for p in files if not any(p.resolve().is_relative_to(root) for root in ours)]
     return {os.path.abspath(path): of_file(path) for path in users}
-
-
-def _folders() -> list[Path]:
-    """Where vsense's own C sources are."""
-    root = build.source_tree().root.resolve()
-    return [root / "c_src", root / "robot"]
 
 
 _QUOTED = re.compile(r"\"([^\"<]*)\"|'([^'<]*)'")
@@ -113,6 +109,8 @@ def named_files(path: Path) -> list[Path]:
 
     The file is not parsed: ARGoS's files need not be well-formed.
     """
+    import html  # a single run waits for no table of entities
+
     quoted = _QUOTED.findall(_text(path))
     values = {html.unescape(double or single) for double, single in quoted}
     named = (path.parent / value for value in sorted(values) if value and len(value) < MAX_NAME)
@@ -175,7 +173,7 @@ def of_machine() -> Machine:
 
     python = ".".join(map(str, sys.version_info[:2]))
     versions = zip(VERSIONS, (__version__, python, np.__version__, cv2.__version__))
-    return {**dict(versions), _OWN: own_sources(), **_last_digits()}
+    return {**dict(versions), _OWN: build.own_sources(), **_last_digits()}
 
 
 def difference(expected: Machine) -> str:
@@ -203,23 +201,7 @@ def difference(expected: Machine) -> str:
 
 def software() -> dict[str, str]:
     """Which vsense this is: version, digest of its sources, and its commit, "" where not known."""
-    return {"vsense": __version__, "sources": own_sources(), "commit": commit()}
-
-
-@lru_cache(maxsize=1)
-def own_sources() -> str:
-    """Digest of what vsense runs; the same in a checkout and where it is installed."""
-    trees: list[tuple[str, Path, tuple[str, ...]]]
-    trees = [("vsense", PACKAGE_FOLDER, (".py", ".argos", ".json"))]
-    trees += [(folder.name, folder, (".c", ".cpp", ".h", ".hpp", ".txt")) for folder in _folders()]
-    digest = hashlib.sha256()
-    for name, folder, suffixes in trees:
-        for path in sorted(p for p in folder.rglob("*") if p.suffix in suffixes):
-            below = path.relative_to(folder)
-            # What only the host runs is compiled, and its sources are not installed.
-            if below.parts[0] not in ("_sources", "host"):
-                digest.update(f"{name}/{below.as_posix()} {of_file(path)}\n".encode())
-    return digest.hexdigest()[:_DIGITS]
+    return {"vsense": __version__, "sources": build.own_sources(), "commit": commit()}
 
 
 Function = Callable[[NDArray[np.float64]], Any]

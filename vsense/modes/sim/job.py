@@ -1,4 +1,4 @@
-"""What is simulated: one run as it travels to its process, and the sweep of a campaign."""
+"""What is simulated, and how: one run as it travels to its process, and a campaign's sweep."""
 
 from __future__ import annotations
 
@@ -6,14 +6,20 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from itertools import product
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from vsense.base.errors import UsageError
 from vsense.config.casting import Casting
 from vsense.config.experiment import first_robots, load
 from vsense.config.placement import StartPlaces
 from vsense.config.specs import Experiment, Stage
+from vsense.modes.options import ExperimentOptions
+from vsense.monitor import recording
 from vsense.robots.sources import CodeOptions
+
+if TYPE_CHECKING:
+    from vsense.monitor.ui.access import FoxgloveAddress, WebAddress
+    from vsense.monitor.ui.room import RoomOptions
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +71,58 @@ class Setup:
             raise UsageError(f"{experiment.file}: has no length: give one with --duration")
         experiment = first_robots(experiment, self.robots)
         return experiment if self.start is None else self.start.settled(experiment)
+
+
+def setup_of(options: ExperimentOptions) -> Setup:
+    """What runs of an experiment are made from."""
+    return Setup(
+        options.experiment,
+        options.duration,
+        options.robots,
+        options.blind,
+        options.settings,
+        options.code,
+        options.casting,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class SimOptions:
+    """How an experiment is simulated.
+
+    Attributes:
+        experiment: which, and how it is read.
+        web: where a page shows the run; None: nowhere.
+        foxglove: where Foxglove does, too.
+        speed: times real time, at which a page's run begins; None: 1.
+        hold: it begins paused.
+        locked: nobody may change the world on the page.
+        record: every run has a recording.
+        json: the figures are printed on standard output.
+    """
+
+    experiment: ExperimentOptions
+    web: WebAddress | None = None
+    foxglove: FoxgloveAddress | None = None
+    speed: float | None = None
+    hold: bool = False
+    locked: bool = False
+    record: bool = False
+    json: bool = False
+
+    @property
+    def room(self) -> RoomOptions:
+        """How a page shows it."""
+        from vsense.monitor.ui.room import RoomOptions  # a run without a page begins sooner
+
+        return RoomOptions(self.web, self.foxglove, hold=self.hold, locked=self.locked)
+
+    def check(self) -> None:
+        """Raises UsageError where something is missing that the run needs."""
+        if self.record:
+            recording.require()
+        if self.web is not None:
+            self.room.check()
 
 
 @dataclass(frozen=True, slots=True)

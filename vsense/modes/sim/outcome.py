@@ -19,7 +19,7 @@ from vsense.robots.inprocess import SimError
 from vsense.robots.loop_library import FUNCTIONS
 from vsense.run.directory import LOGGED
 from vsense.run.programs import LOADING, LOADING_LOOP, shared_objects
-from vsense.run.verdict import RunRecord
+from vsense.run.verdict import BROKEN, RunRecord
 
 JobAnswer = dict[str, Any]
 """What became of a job, as numbers and texts that travel between machines. One of
@@ -36,11 +36,16 @@ and `progress`: what `Programs` noted last."""
 
 
 class SimulatedRunError(VsenseError):
-    """An error in a run's own process, with its message."""
+    """A run has failed: an error in its own process, a crash, an endless loop.
 
-    def __init__(self, text: str, exit_code: int) -> None:
+    Attributes:
+        task: the run.
+        result: what there is of it, as that of a run that has not.
+    """
+
+    def __init__(self, text: str, exit_code: int, task: Task, result: dict[str, Any]) -> None:
         super().__init__(text)
-        self.exit_code = exit_code
+        self.exit_code, self.task, self.result = exit_code, task, result
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,30 +70,34 @@ class Task:
             result: dict[str, Any] = answer["result"]
             return result
         progress = tuple(answer["progress"])
-        error = self._error(answer, progress)
-        self._note(error, progress)
-        raise error
-
-    def _error(self, answer: JobAnswer, progress: tuple[int, ...]) -> VsenseError:
-        if "error" in answer:
-            return SimulatedRunError(self.named(answer["error"]), answer["exit_code"])
         if "refused" in answer:
-            return SimError(self.named(answer["refused"]))
-        if "ended" in answer:
-            return SimError(f"the process that simulates {describe_exit(answer['ended'])}")
-        if "hung_s" in answer:
-            return SimError(f"{self._who(progress)} did not return within {answer['hung_s']:g} s")
-        how = describe_exit(os.waitstatus_to_exitcode(answer["status"]))
-        return SimError(f"{self._who(progress)} {how}{answer['place']}")
+            raise SimError(self.named(answer["refused"]))
+        words, timesteps = self._words(answer, progress), max(progress[0] - WARM_UP_TIMESTEPS, 0)
+        self._note(self.named(words), timesteps)
+        result = {"name": self.experiment.name, "robots": len(self.experiment.robots)}
+        result |= {"timesteps": timesteps, "timestep_s": self.experiment.timestep_s, "wall_s": None}
+        result |= {"swarm": {}, "measures": {}, "complete": False, "ended": BROKEN, "changes": 0}
+        result |= {"complaints": [], "failed": [words], "recording": None}
+        code = answer.get("exit_code", SimError.exit_code)
+        raise SimulatedRunError(self.named(words), code, self, result)
 
-    def _note(self, error: VsenseError, progress: tuple[int, ...]) -> None:
+    def _words(self, answer: JobAnswer, progress: tuple[int, ...]) -> str:
+        if "error" in answer:
+            return str(answer["error"])
+        if "ended" in answer:
+            return f"the process that simulates {describe_exit(answer['ended'])}"
+        if "hung_s" in answer:
+            return f"{self._who(progress)} did not return within {answer['hung_s']:g} s"
+        how = describe_exit(os.waitstatus_to_exitcode(answer["status"]))
+        return f"{self._who(progress)} {how}{answer['place']}"
+
+    def _note(self, words: str, timesteps: int) -> None:
         """Adds an error to the events of the run, if they are kept."""
         if self.job.directory is None:
             return
-        time_s = round(max(progress[0] - WARM_UP_TIMESTEPS, 0) * self.experiment.timestep_s, 9)
         with suppress(VsenseError):  # the first one counts
             log = EventLog(Path(self.job.directory) / LOGGED)
-            log.add(time_s, str(error), "trouble")
+            log.add(round(timesteps * self.experiment.timestep_s, 9), words, "trouble")
             log.close()
 
     def _who(self, progress: tuple[int, ...]) -> str:
@@ -105,22 +114,23 @@ class Task:
             time_s = (timestep - WARM_UP_TIMESTEPS) * experiment.timestep_s
             when = f"in timestep {timestep - WARM_UP_TIMESTEPS} (t = {time_s:g} s)"
         if not robot:
-            return self.named(f"outside of any controller, {when}, the simulation")
+            return f"outside of any controller, {when}, the simulation"
         if number >= LOADING:
-            return self.named(f"{when}: {_loaded(experiment, number)}, when it was loaded,")
+            return f"{when}: {_loaded(experiment, number)}, when it was loaded,"
         if number >= LOOP_FUNCTION:
             function, loop = FUNCTIONS[number - LOOP_FUNCTION], experiment.loop_functions
             assert loop is not None
-            return self.named(f"{when}: loop functions '{loop.label}' ({loop.path}): {function}")
+            return f"{when}: loop functions '{loop.label}' ({loop.path}): {function}"
         controller = experiment.controllers[number]
         spec = [r for r in experiment.robots if r.controller == controller.id][robot - 1]
-        return self.named(f"robot {spec.tag}, {when}: its controller '{controller.library}'")
+        return f"robot {spec.tag}, {when}: its controller '{controller.library}'"
 
 
 def record_of(result: dict[str, Any], ended: str = "") -> RunRecord:
     """What there was of a run with this result; `ended`: why, where it is not complete."""
-    ended = "time" if result["complete"] else ended or "interrupted"
-    return RunRecord(ended=ended, changes=result["changes"], complaints=result["complaints"])
+    ended = "time" if result["complete"] else ended or result.get("ended", "interrupted")
+    facts = {name: result[name] for name in ("changes", "complaints", "failed")}
+    return RunRecord(ended=ended, timesteps=result["timesteps"] > 0, **facts)
 
 
 def libraries_of(experiment: Experiment) -> dict[str, str]:

@@ -13,8 +13,9 @@ from itertools import islice
 from typing import Any, Generic, Protocol, TypeVar
 
 from vsense.base.errors import Interrupted
-from vsense.base.processes import start_module
+from vsense.base.processes import begin_worker
 from vsense.base.shared import SharedBlock
+from vsense.base.users_code import UsersCode
 from vsense.modes.sim._simulation import WARM_UP_TIMESTEPS
 from vsense.modes.sim.outcome import JobAnswer, Task
 from vsense.run.programs import RUN_PROGRESS_BYTES
@@ -46,13 +47,10 @@ class WorkerProcess(Generic[Named]):
         self._last: tuple[int, int, int] | None = None
         self._block = SharedBlock.anonymous("vsense-sim", RUN_PROGRESS_BYTES)
         descriptor = os.open(self._block.name, os.O_RDWR)
+        shared = [descriptor] if page is None else [descriptor, page]
         try:
-            self._process, self._jobs, self.answers = start_module(
-                "vsense.modes.sim._worker",
-                *map(str, shared := [descriptor] if page is None else [descriptor, page]),
-                pass_fds=shared,
-                # A run keeps one processor busy; threads of libraries only get in each other's way.
-                env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
+            self._process, self._jobs, self.answers = begin_worker(
+                "vsense.modes.sim._worker", shared, fresh=UsersCode.ran
             )
         finally:
             os.close(descriptor)

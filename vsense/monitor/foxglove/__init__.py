@@ -3,3 +3,6 @@
 Everything here computes: recordings, exports and the live server (`monitor/ui/_foxglove_server.py`)
     are told the same. The extra `foxglove` is needed by that server only.
 """
+
+FOXGLOVE_PORT = 8765
+"""Where Foxglove looks by itself."""

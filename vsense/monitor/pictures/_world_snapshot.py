@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -152,6 +152,7 @@ def make_snapshot(
     )
 
 
+@lru_cache(maxsize=1)
 def grid(arena: Arena) -> tuple[Floats, tuple[int, int]]:
     """Middles of the drawing's pixels on the floor (n, 2), and its rows and columns."""
     size_x_m, size_y_m, _ = arena.size_m

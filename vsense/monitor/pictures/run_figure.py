@@ -22,12 +22,13 @@ from vsense.config.specs import Experiment
 from vsense.monitor.pictures import _arena_view
 from vsense.monitor.pictures._arena_view import VIEW_PX
 from vsense.monitor.pictures._camera_view import CameraPanels
-from vsense.monitor.pictures._scene import CONE, DARK, LIT, ArenaMoment
+from vsense.monitor.pictures._scene import CONE, DARK, ArenaMoment
 from vsense.monitor.pictures._stitch import Shade, TopView
-from vsense.monitor.pictures._world_snapshot import WorldSnapshot
+from vsense.monitor.pictures._world_snapshot import WorldSnapshot, take_snapshot
 from vsense.monitor.pictures.run_samples import RunSamples
 from vsense.vision.cameras.camera import Camera
 from vsense.world.entities import Arena
+from vsense.world.world import World
 
 TRAIL_S = 6.0
 """Time of the trail behind each robot."""
@@ -105,7 +106,7 @@ def draw(run: RunFigure, heading: str, subtitle: str) -> Image:
         left = MARGIN + (VIEW_PX + MARGIN) * index
         canvas.place(panel, left, TITLE_PX)
         canvas.text(scene.title, left, TITLE_PX + height + 28, INK, 0.6)
-        canvas.text(scene.note, left, TITLE_PX + height + 52, LIT, 0.52)
+        canvas.text(scene.note, left, TITLE_PX + height + 52, MUTED, 0.52)
         if grid is not None:
             canvas.place(grid, left, grids_top)
     room = (width - MARGIN) / max(len(curves), 1)
@@ -169,6 +170,30 @@ def _scene(run: RunFigure, timestep: int, words: str, snapshot: WorldSnapshot) -
     )
 
 
+def draw_arena(
+    experiment: Experiment, world: World, poses: Floats, lit: NDArray[np.bool_], width_px: int
+) -> Image:
+    """The arena from above, now: (h, w, 3) BGR.
+
+    Args:
+        poses: (n, 3) x, y [m] and yaw [rad] of the robots.
+        lit: (n,) whether each robot's red LEDs are on.
+    """
+    snapshot = take_snapshot(world, experiment)
+    middle = np.array([*snapshot.arena.centre_m[:2], 0.0])
+    moment = ArenaMoment(
+        title="",
+        note="",
+        view=None,
+        snapshot=snapshot.within(experiment.arena),
+        poses=poses - middle,
+        lit=lit,
+        trails=np.empty((0, len(poses), 2)),
+        heights_m=np.full(len(poses), experiment.marker.height_m),
+    )
+    return _arena_view.draw(moment, width_px, scale=1)
+
+
 def _note(run: RunFigure, row: int) -> str:
     if run.inside is not None:
         inside = run.inside[row]
@@ -187,7 +212,7 @@ def charts(run: RunFigure) -> list[Chart]:
         counts = run.inside.sum(axis=1), (run.inside & run.lit).sum(axis=1)
         series = [
             ChartSeries(name, values.astype(np.float64), colour)
-            for name, values, colour in zip(("in the cone", "LEDs on"), counts, (CONE, LIT))
+            for name, values, colour in zip(("in cone", "LEDs on in cone"), counts, (CONE, DARK))
         ]
         turn_s = (run.turn or 0) * run.experiment.timestep_s
         marks = [] if run.turn is None else [(turn_s, "the wind turns")]

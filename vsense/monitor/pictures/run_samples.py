@@ -14,7 +14,7 @@ from vsense.monitor.pictures._world_snapshot import WorldSnapshot, take_snapshot
 from vsense.world.world import World
 
 SPARE_TIMESTEPS = 3
-"""Timesteps kept before a moment, because the host may miss the very last one."""
+"""Timesteps kept before a moment, where the host may miss the very last one."""
 
 
 class RunSamples:
@@ -28,11 +28,11 @@ class RunSamples:
         shares: What was left of the first pollutant source, at every sampled timestep.
     """
 
-    def __init__(self, experiment: Experiment) -> None:
+    def __init__(self, experiment: Experiment, spare: int = SPARE_TIMESTEPS) -> None:
         self._experiment = experiment
         self.moment = experiment.turn_timestep or experiment.timesteps // 2 or None
         self.timesteps = range(
-            0 if self.moment is None else max(self.moment - SPARE_TIMESTEPS, 0), self.moment or 0
+            0 if self.moment is None else max(self.moment - spare, 0), self.moment or 0
         )
         self.snapshots: dict[int, WorldSnapshot] = {}
         self.shares = array("d")

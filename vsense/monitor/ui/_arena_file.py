@@ -1,17 +1,22 @@
 """The experiment's file with what people changed on the page, to be saved.
 
-The text stays as it is, comments and all, but for the attributes that were changed.
+The text stays as it is, comments and all, but for the attributes that were changed, and for files
+beside the original, which are named by their whole paths.
 """
 
 from __future__ import annotations
 
+import html
+import os
 import re
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import escape, quoteattr
 
 from vsense.base.message_bus import Message
 from vsense.base.xml.parsing import NAMESPACE
+from vsense.config.experiment import ARGOS_SUFFIX, SHIPPED_FOLDER
 from vsense.monitor.recording.form import ORDERS_TOPIC, Data
 from vsense.run.changing import ChangeKind
 
@@ -20,6 +25,7 @@ _MARKUP = re.compile(
     r"""(?P<attributes>(?:"[^"]*"|'[^']*'|[^>"'])*?)(?P<empty>/?)>""",
     re.DOTALL,
 )
+_QUOTED = re.compile(r"""(["'])(.*?)\1""", re.DOTALL)
 _VALUE = r"""(?<![\w:])%s\s*=\s*("[^"]*"|'[^']*')"""
 _ATTRIBUTES = {
     "intensity": "intensity",
@@ -46,6 +52,7 @@ class ArenaFile:
 
     def __init__(self) -> None:
         self.name, self._text = "", ""
+        self._path = ""
         self._seed: object = None
         self._orders: list[Any] = []
 
@@ -57,6 +64,7 @@ class ArenaFile:
                 self._orders = []
             self._seed = data.get("seed")
             self.name, self._text = data.get("name", ""), data.get("file_text", "")
+            self._path = (data.get("made") or {}).get("path", "")
         # A newcomer has a simulation say its newest change again.
         elif data not in self._orders[-1:]:
             self._orders.append(data)
@@ -84,7 +92,27 @@ class ArenaFile:
         if added and NAMESPACE not in text:
             root = next(tag for tag, _ in _tags(text))
             text = _with(text, root, "xmlns:vs", NAMESPACE)
-        return text
+        folder = self._folder()
+        return text if folder is None else _from_anywhere(text, folder)
+
+    def _folder(self) -> Path | None:
+        """Where the original lies, as far as it is known."""
+        shipped = SHIPPED_FOLDER / f"{self.name}{ARGOS_SUFFIX}"
+        is_shipped = os.path.isfile(shipped) and shipped.read_text() == self._text
+        return shipped.parent if is_shipped else Path(self._path).parent if self._path else None
+
+
+def _from_anywhere(text: str, folder: Path) -> str:
+    """The text in which files that lie in a folder are named by their whole paths."""
+    for tag, _ in reversed(list(_tags(text))):
+        begin, end = tag.span("attributes")
+
+        def whole(match: re.Match[str]) -> str:
+            path = folder / html.unescape(match[2])
+            return quoteattr(str(path)) if match[2] and os.path.isfile(path) else match[0]
+
+        text = text[:begin] + _QUOTED.sub(whole, text[begin:end]) + text[end:]
+    return text
 
 
 def _robot(name: str, change: Data) -> str:

@@ -20,6 +20,7 @@ from urllib.parse import urlsplit
 from vsense.base import sharing
 from vsense.base.errors import ConfigError, VsenseError
 from vsense.base.files import check_private, open_bytes, read_open
+from vsense.monitor.foxglove import FOXGLOVE_PORT
 
 TOKEN_BYTES = 16
 """128 bits cannot be guessed."""
@@ -54,10 +55,6 @@ class WebAddress:
     certificate: Path | None = None
     key: Path | None = None
     insecure: bool = False
-
-
-FOXGLOVE_PORT = 8765
-"""Where Foxglove looks by itself."""
 
 
 @dataclass(frozen=True, slots=True)

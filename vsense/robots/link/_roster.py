@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import secrets
 from collections import defaultdict
 from collections.abc import Callable, Mapping
@@ -15,7 +14,7 @@ from vsense.robots.link._peer import Greeting, Orders
 from vsense.robots.link._session import Address, HostSession, PendingSession
 from vsense.robots.link.keys import LinkTrust
 from vsense.robots.link.status import LinkEvent, cut_text
-from vsense.robots.link.table import BRING, ExpectedRobot, ToldProgram
+from vsense.robots.link.table import BRING, ExpectedRobot, ToldProgram, robot_seed
 from vsense.robots.link.wire import (
     PUBLISHED,
     GoodbyeCause,
@@ -352,9 +351,3 @@ def _lack(expected: ExpectedRobot, hello: Hello) -> str:
 
 def _taken(tag: int) -> str:
     return f"tag {tag} is in use by another robot, which was heard within 1 s"
-
-
-def robot_seed(seed: int, tag: int) -> int:
-    """Seed of one robot's controller, made from that of the run: 32 bits."""
-    digest = hashlib.blake2b(f"{seed}/{tag}".encode(), digest_size=4).digest()
-    return int.from_bytes(digest, "little")

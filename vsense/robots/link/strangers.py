@@ -11,7 +11,6 @@ what servers give to strangers and pages is limited so that the sum of all stays
 
 from __future__ import annotations
 
-import ipaddress
 import resource
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterator
@@ -187,6 +186,8 @@ class RateLimit:
 
 def owner_of(address: str) -> str:
     """Whom an address counts for: one of IPv6 for its network, as each host has many."""
+    import ipaddress  # no command that has no port waits for it
+
     try:
         ip = ipaddress.ip_address(address.partition("%")[0])
     except ValueError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import IntEnum
@@ -205,3 +206,9 @@ class Table:
 
     def __len__(self) -> int:
         return len(self.entries)
+
+
+def robot_seed(seed: int, tag: int) -> int:
+    """Seed of one robot's controller, made from that of the run: 32 bits."""
+    digest = hashlib.blake2b(f"{seed}/{tag}".encode(), digest_size=4).digest()
+    return int.from_bytes(digest, "little")

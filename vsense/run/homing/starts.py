@@ -11,7 +11,7 @@ from functools import partial
 from typing import Protocol
 
 from vsense.base.arena import ArenaState
-from vsense.base.terminal import Console
+from vsense.base.terminal import Console, shorten
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment, Pose
 from vsense.robots.link.server import VirtualSensorServer
@@ -22,7 +22,6 @@ from vsense.run.control import Control, State
 from vsense.run.homing._homing import Homing
 from vsense.run.homing.floor import DrivingFloor
 from vsense.run.homing.robots import LIMITS, HomingLimits, Trouble
-from vsense.run.robots import shorten
 
 _HELD = (StopCause.BASE, StopCause.BATTERY)
 """For these reasons a robot that is connected may not drive."""

@@ -17,7 +17,7 @@ from vsense.base.files import replace_text
 from vsense.config.roster import Roster
 from vsense.run.directory import DirectoryError
 from vsense.run.runs_csv import RunRow, utc
-from vsense.studies.benchmark._definition import Definition, Mission
+from vsense.studies.benchmark._definition import Definition, Mission, digest
 from vsense.studies.benchmark._evidence import (
     Progress,
     RunEvidence,
@@ -226,7 +226,7 @@ def make(
         "form": FORM,
         "benchmark": benchmark.definition.name,
         "definition_sha256": benchmark.definition.sha256,
-        "definition_files": dict(benchmark.definition.digests),
+        "definition_files": {n: digest(path) for n, path in benchmark.files.items()},
         "quick": benchmark.quick,
         "deviations": benchmark.deviations,
         "robots": benchmark.robots,

@@ -17,6 +17,7 @@ from typing import Any
 from vsense.base.errors import UsageError, VsenseError
 from vsense.base.terminal import aligned
 from vsense.run.runs_csv import RUNS, RunRow
+from vsense.run.verdict import FAILED
 from vsense.studies.series._parts import PlannedExperiment
 from vsense.studies.series._plan import SeriesPlan
 
@@ -77,22 +78,32 @@ class PlannedRun:
     def name(self) -> str:
         """As runs.csv and its folder have it."""
         if not self.cell.block:
-            return self.in_words()
+            return f"{self.cell.condition}, seed {self.cell.seed}{self._again}"
         suffix = f"-{self.attempt}" if self.attempt > 1 else ""
         return f"run-{self.cell.number:03d}{suffix}"
 
     def in_words(self) -> str:
         """What it is, for people."""
         cell = self.cell
-        attempt = f", attempt {self.attempt}" if self.attempt > 1 else ""
         if not cell.block:
-            return f"{cell.condition}, seed {cell.seed}{attempt}"
-        return f"{cell.condition}, start {cell.start}, repetition {cell.repetition}{attempt}"
+            return f"{condition_words(cell.condition)}, seed {cell.seed}{self._again}"
+        return f"{cell.condition}, start {cell.start}, repetition {cell.repetition}{self._again}"
+
+    @property
+    def _again(self) -> str:
+        return f", attempt {self.attempt}" if self.attempt > 1 else ""
 
     @property
     def label(self) -> str:
         """Its name with what it is."""
-        return f"{self.name} ({self.in_words()})" if self.cell.block else self.name
+        return f"{self.name} ({self.in_words()})" if self.cell.block else self.in_words()
+
+
+def condition_words(condition: str) -> str:
+    """What `condition_of` gives, for people."""
+    head, comma, rest = condition.partition(", ")
+    words = {"sighted": "as in the file", "blind": "without virtual sensors"}.get(head, head)
+    return f"{words}{comma}{rest}"
 
 
 def cells(plan: SeriesPlan) -> list[Cell]:
@@ -132,6 +143,9 @@ def pending(plan: SeriesPlan, rows: Sequence[RunRow]) -> list[PlannedRun]:
         judged = [row for row in attempts if not row.why.startswith(CUT)]
         if len(judged) > plan.again:
             raise VoidLimit(_limit(plan, cell, judged))
+        # A simulation does the same again, also where users may have void rows repeated for ever.
+        if plan.mode == "sim" and (same := [row for row in judged if FAILED in row.why]):
+            raise VoidLimit(f"{same[-1].run}: {same[-1].why}; it would fail again")
         run = PlannedRun(cell, len(attempts) + 1)
         while run.name in names:  # somebody has taken a row away
             run = replace(run, attempt=run.attempt + 1)

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
+
 from vsense.base.errors import CutShort, Interrupted, UsageError
-from vsense.base.terminal import Console, Interruption
+from vsense.base.terminal import Console, Interruption, aligned, spoken
 from vsense.config.experiment import ARGOS_SUFFIX
 from vsense.run.runs_csv import RunRow
 from vsense.run.verdict import VALID, VOID
+from vsense.studies.report.study._effects import spread_of
 from vsense.studies.series._folder import CampaignTable, SeriesFolder, changed_words
 from vsense.studies.series._order import CUT, PlannedRun, count_valid, duplicates, pending
-from vsense.studies.series._plan import SeriesPlan
+from vsense.studies.series._plan import Condition, SeriesPlan
 
 INTERRUPTED = "interrupted"
 """Why a run or a series has ended where the user has ended it."""
+_SHOWN_ROWS = 60
+"""Of the table that is printed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +115,16 @@ class SeriesLoop:
             "valid": self.valid,
             "void": void,
             "complete": self.valid == self._plan.runs,
+            "conditions": [
+                {"condition": condition.name, "measures": spreads(values)}
+                for condition, values in measures_of(self._plan, self._folder)
+            ],
         }
+
+    def table(self) -> list[str]:
+        """The measures of every condition so far, for people."""
+        groups = measures_of(self._plan, self._folder)
+        return measure_table("condition", [condition.name for condition, _ in groups], groups)
 
     def in_words(self) -> str:
         """How the series stands, for people."""
@@ -181,3 +195,57 @@ class SeriesLoop:
             self._console.say(f"{run.name} is valid; {self.in_words()}")
         if is_over:
             raise UsageError(changed_words(str(folder.path), new))
+
+
+ConditionMeasures = tuple[Condition, dict[str, list[float]]]
+"""A condition, and the values of its valid runs by measure."""
+
+
+def measures_of(plan: SeriesPlan, table: SeriesFolder | CampaignTable) -> list[ConditionMeasures]:
+    """The measures of every condition's valid runs, at all starts."""
+    groups = []
+    for condition in plan.conditions:
+        rows = [row for row in table.rows if row.condition == condition.name and row.valid]
+        measures = {
+            name: [n for row in rows if (n := row.measures.get(name)) is not None]
+            for name in table.table.measures
+        }
+        groups.append((condition, measures))
+    return groups
+
+
+def measure_table(
+    head: str, names: Sequence[str], groups: Sequence[ConditionMeasures]
+) -> list[str]:
+    """For people: runs, median and quartiles of every measure; `names` are those of the groups."""
+    from vsense.studies.report.study._words import number  # 0.1 s
+
+    rows = [(head, "measure", "runs", "median", "quartiles")]
+    for words, (_, measures) in zip(names, groups):
+        for name, values in measures.items():
+            cells = "-", "-"
+            if values:
+                spread = spread_of(np.array(values))
+                cells = number(spread.median), " to ".join(map(number, spread.quartiles))
+            rows.append((words, spoken(name), str(len(values)), *cells))
+            words = ""
+    lines = aligned(rows[: _SHOWN_ROWS + 1], left=2) if len(rows) > 1 else []
+    left_out = len(rows) - 1 - _SHOWN_ROWS
+    return [*lines, f"and {left_out} more rows: --json has all"] if left_out > 0 else lines
+
+
+def spreads(measures: Mapping[str, Sequence[float]]) -> dict[str, dict[str, Any]]:
+    """Mean, standard deviation, median and quartiles of every measure."""
+    figures: dict[str, dict[str, Any]] = {}
+    for name, values in measures.items():
+        figures[name] = {"runs": len(values), **dict.fromkeys(("mean", "std", "median"))}
+        figures[name]["quartiles"] = None
+        if values:
+            spread = spread_of(np.array(values))
+            figures[name] |= {
+                "mean": round(spread.mean, 6),
+                "std": None if spread.sd is None else round(spread.sd, 6),
+                "median": spread.median,
+                "quartiles": list(spread.quartiles),
+            }
+    return figures

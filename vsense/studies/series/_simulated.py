@@ -19,11 +19,13 @@ from typing import Any
 from vsense.base.errors import Interrupted, UsageError, VsenseError, failing_as
 from vsense.base.terminal import Console, Interruption
 from vsense.modes.sim import engine
+from vsense.modes.sim.fingerprint import of_file
 from vsense.modes.sim.job import Job, Setup
-from vsense.modes.sim.outcome import Task, libraries_of, record_of
+from vsense.modes.sim.outcome import SimulatedRunError, Task, libraries_of, record_of
 from vsense.modes.sim.watch import Show, WorkerProcess, simulate_all
 from vsense.monitor import recording
 from vsense.monitor.recording import megabytes
+from vsense.robots.compiling import PYTHON
 from vsense.run.programs import LOOP_PROGRAM
 from vsense.run.runs_csv import RunRow, versions
 from vsense.run.verdict import VoidCriteria, judge
@@ -124,10 +126,13 @@ class SimulatedRuns:
                 while written in finished:
                     yield take(written)
                     written += 1
-        except (Interrupted, VsenseError):
+        except (Interrupted, VsenseError) as error:
             self._clear([todo[n] for n in range(written, len(todo)) if n not in finished])
             for number in sorted(finished) if self._plan.seed != CAMPAIGN else ():
                 yield take(number)
+            if isinstance(error, SimulatedRunError) and self._plan.seed != CAMPAIGN:
+                failed = outcome(error.task, error.result, self._plan.void)
+                yield runs[place[id(error.task)]], failed
             raise
         show(())
         self._console.end_progress()
@@ -184,7 +189,12 @@ def outcome(task: Task, result: dict[str, Any], criteria: VoidCriteria) -> RunOu
 def programs_of(built: Mapping[str, str]) -> list[str]:
     """The controllers of a run as its versions name them: id, and digest of what was built."""
     controllers = sorted((name, path) for name, path in built.items() if name != LOOP_PROGRAM)
-    return [f"{name}={Path(path).parent.name[:12]}" for name, path in controllers]
+    return [f"{name}={_digest(Path(path))[:12]}" for name, path in controllers]
+
+
+def _digest(program: Path) -> str:
+    """What was built bears its digest; a file that is run as it is does not."""
+    return of_file(program) if program.suffix == PYTHON else program.parent.name
 
 
 def _bar(console: Console, todo: Sequence[Task], count: Callable[[], int]) -> Show:

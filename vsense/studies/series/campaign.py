@@ -10,35 +10,34 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from vsense.base.errors import Interrupted, UsageError, VsenseError, failing_as
-from vsense.base.terminal import Console, Interruption, aligned, interruption, print_data
+from vsense.base.terminal import Console, Interruption, interruption, print_data
 from vsense.config.placement import StartPlaces, settle
 from vsense.config.specs import Experiment
 from vsense.modes import origin
 from vsense.modes.options import ExperimentOptions, say_warnings
 from vsense.modes.sim import fingerprint
 from vsense.modes.sim.engine import Engine
-from vsense.modes.sim.experiment import setup_of
-from vsense.modes.sim.job import Job, Setup, Sweep
+from vsense.modes.sim.job import Job, Setup, Sweep, setup_of
 from vsense.modes.sim.outcome import Task, libraries_of
 from vsense.monitor.recording import MCAP
 from vsense.run import asked
 from vsense.run.runs_csv import RunsFile, condition_of
 from vsense.studies.report import FORMATS, can_draw, lacking
-from vsense.studies.report.study._effects import spread_of
 from vsense.studies.series._folder import CampaignTable
-from vsense.studies.series._order import CAMPAIGN, Cell
+from vsense.studies.series._order import CAMPAIGN, Cell, condition_words
 from vsense.studies.series._parts import PlannedExperiment
 from vsense.studies.series._plan import Condition, PlannedStart, SeriesPlan
-from vsense.studies.series._series import SeriesLoop
+from vsense.studies.series._series import (
+    ConditionMeasures,
+    SeriesLoop,
+    measure_table,
+    measures_of,
+    spreads,
+)
 from vsense.studies.series._simulated import Simulate, SimulatedRuns, check_simulator, simulator
 
-_SHOWN_ROWS = 60
-"""Of the table that is printed."""
 _EVER = 2**31
 """A run that somebody has made void in the table is repeated however often."""
 
@@ -298,11 +297,12 @@ def _say_unrecorded(loop: SeriesLoop, table: CampaignTable, console: Console) ->
 
 def _report(campaign: Campaign, plan: SeriesPlan, table: CampaignTable, console: Console) -> None:
     """Prints the results, and draws them where Matplotlib is there."""
-    groups, path = group(plan, table), table.table.path
+    groups, path = measures_of(plan, table), table.table.path
     if campaign.json:
-        figures = [_figures(*values) for values in groups]
+        figures = [{"settings": c.settings, "measures": spreads(v)} for c, v in groups]
         print_data(json.dumps({"file": str(path), "settings": figures}, indent=2))
-    for line in _table(groups):
+    names = [condition_words(condition.name) for condition, _ in groups]
+    for line in measure_table("setting", names, groups):
         console.say(line)
     console.say(f"results: {path}, {len(table.rows)} runs")
     if not table.table.measures:
@@ -314,70 +314,17 @@ def _report(campaign: Campaign, plan: SeriesPlan, table: CampaignTable, console:
         console.say(f"picture: {campaign.drawing}")
 
 
-SettingMeasures = tuple[Mapping[str, str], dict[str, list[float]]]
-"""A combination of settings, and the values of its runs by measure."""
-
-
-def _draw(campaign: Campaign, table: CampaignTable, groups: Sequence[SettingMeasures]) -> None:
+def _draw(campaign: Campaign, table: CampaignTable, groups: Sequence[ConditionMeasures]) -> None:
     from vsense.studies.report import _plot
     from vsense.studies.series import _comparison
 
     file = campaign.drawing
     measures = {name: [values[name] for _, values in groups] for name in table.table.measures}
-    settings = [settings for settings, _ in groups]
+    settings = [condition.settings for condition, _ in groups]
     with _plot.styled(campaign.style):
-        figure = _comparison.draw(table.rows[0].experiment, settings, measures)
+        title = table.rows[0].experiment
+        title += ", without virtual sensors" if campaign.setup.blind else ""
+        figure = _comparison.draw(title, settings, measures)
         data = _plot.encode(figure, file.suffix[1:])
     with failing_as(VsenseError, f"{file}: cannot be written"):
         file.write_bytes(data)
-
-
-def group(plan: SeriesPlan, table: CampaignTable) -> list[SettingMeasures]:
-    """Gathers the valid rows of every combination of settings, of all seeds."""
-    groups = []
-    for condition in plan.conditions:
-        rows = [row for row in table.rows if row.condition == condition.name and row.valid]
-        measures = {
-            name: [n for row in rows if (n := row.measures[name]) is not None]
-            for name in table.table.measures
-        }
-        groups.append((condition.settings, measures))
-    return groups
-
-
-def _table(groups: Sequence[SettingMeasures]) -> list[str]:
-    """The measures of every combination of settings, for people."""
-    from vsense.studies.report.study._words import number  # 0.1 s
-
-    rows = [("setting", "measure", "runs", "median", "quartiles")]
-    for settings, measures in groups:
-        words = ", ".join(f"{name}={value}" for name, value in settings.items()) or "as in the file"
-        for name, values in measures.items():
-            cells = "-", "-"
-            if values:
-                spread = spread_of(np.array(values))
-                cells = number(spread.median), " to ".join(map(number, spread.quartiles))
-            rows.append((words, name, str(len(values)), *cells))
-            words = ""
-    lines = aligned(rows[: _SHOWN_ROWS + 1], left=2) if len(rows) > 1 else []
-    left_out = len(rows) - 1 - _SHOWN_ROWS
-    return [*lines, f"and {left_out} more rows: --json has all"] if left_out > 0 else lines
-
-
-def _figures(
-    settings: Mapping[str, str], measures: Mapping[str, Sequence[float]]
-) -> dict[str, Any]:
-    """Mean, standard deviation, median and quartiles of every measure."""
-    figures: dict[str, dict[str, Any]] = {}
-    for name, values in measures.items():
-        figures[name] = {"runs": len(values), **dict.fromkeys(("mean", "std", "median"))}
-        figures[name]["quartiles"] = None
-        if values:
-            spread = spread_of(np.array(values))
-            figures[name] |= {
-                "mean": round(spread.mean, 6),
-                "std": None if spread.sd is None else round(spread.sd, 6),
-                "median": spread.median,
-                "quartiles": list(spread.quartiles),
-            }
-    return {"settings": settings, "measures": figures}

@@ -235,6 +235,8 @@ class PlannedSeries:
             loop.run()
         finally:
             console.end_progress()
+            for line in loop.table():
+                console.say(line)
             console.say(loop.in_words())
             if self._options.json:
                 print_data(json.dumps(loop.facts(), indent=2))

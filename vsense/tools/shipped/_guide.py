@@ -49,7 +49,7 @@ def write(name: str, source: str, texts: Mapping[str, str]) -> str:
     lines = [
         f"# {name}",
         "",
-        f"Made by `vsense new {name} --from {source}{' --sensor' * _has_sensor(root)}`.",
+        f"Made by `vsense new {name} --from {source}{_options(root, texts)}`.",
         *_commands(root, texts),
     ]
     lines += ["", f"## {argos}", "", *_table("line", "element", "what it says")]
@@ -62,6 +62,15 @@ def write(name: str, source: str, texts: Mapping[str, str]) -> str:
     return "\n".join([*lines, "", *_further()])
 
 
+def _options(root: Element, texts: Mapping[str, str]) -> str:
+    return f"{' --sensor' * _has_sensor(root)}{' --python' * _is_python(texts)}"
+
+
+def _is_python(texts: Mapping[str, str]) -> bool:
+    """Whether no robot runs its controllers."""
+    return not any(file.endswith(".c") for file in texts)
+
+
 def _commands(root: Element, texts: Mapping[str, str]) -> list[str]:
     argos = next(iter(texts))
     lines = [
@@ -69,12 +78,13 @@ def _commands(root: Element, texts: Mapping[str, str]) -> list[str]:
         (f"vsense sim {argos}", "in the simulator: a picture and figures in runs/"),
         (f"vsense sim {argos} --blind", "the control: every virtual sensor held at 0"),
         *_sweep(root, argos),
-        (f"vsense lab {argos}", "in real time, the whole chain; --web 8080 shows it (extra web)"),
-        (
-            f"vsense robot build --experiment {argos} --target epuck",
-            "for real robots (extra robot)",
-        ),
     ]
+    if _is_python(texts):
+        lines.append((f"vsense sim {argos} --web 8080", "shows it while it runs (extra web)"))
+    else:
+        there = "in real time, the whole chain; --web 8080 shows it (extra web)"
+        boards = f"vsense robot build --experiment {argos} --target epuck"
+        lines += [(f"vsense lab {argos}", there), (boards, "for real robots (extra robot)")]
     shown = [f"{command:{len(lines[0][0])}}  # {meaning}" for command, meaning in lines]
     return ["", "## Run it", "", "In this folder:", "", "```sh", *shown, "```"]
 
@@ -171,12 +181,24 @@ def _of_controller(text: str) -> list[str]:
     ]
 
 
+_OF_ROBOT = (
+    "`robot` has `sensor`, `actuator`, `walk`, `param`, `set_wheels`, `set_leds`, `random`, `show`"
+    " and `log`: see `vsense docs extending`, 'A controller in Python'."
+)
+
+
 def _of_python(text: str) -> list[str]:
     """What a Python file is, and when its functions are called."""
     tree = ast.parse(text)
     head = (ast.get_docstring(tree) or "").split(_PARAGRAPH)[0]
     lines = [_sentence(head)]
     classes = [node for node in tree.body if isinstance(node, ast.ClassDef)]
+    for node in (node for c in classes if c.name == "Controller" for node in c.body):
+        if isinstance(node, ast.FunctionDef):
+            said = " ".join((ast.get_docstring(node) or "").split())
+            lines.append(f"* line {node.lineno}, `{node.name}`: {said}")
+    if len(lines) > 1:
+        return [lines[0], "", *lines[1:], "", _OF_ROBOT]
     for node in (node for c in classes if c.name == "LoopFunctions" for node in c.body):
         if isinstance(node, ast.FunctionDef) and node.name in _CALLED:
             said = ast.get_docstring(node) or ""

@@ -1,6 +1,6 @@
 """Makes the files of a new experiment: copies of a shipped one, renamed.
 
-The copy of an experiment has its `.argos` file, its controllers in C and its loop functions. What
+The copy of an experiment has its `.argos` file, its controllers and its loop functions. What
 was called as the experiment is called as the new one; several controllers keep their names.
 """
 
@@ -22,6 +22,9 @@ from vsense.tools.shipped import _guide
 TEMPLATE = "start"
 """The template that is made to begin with: the smallest experiment that has everything."""
 
+_PYTHON = f"{TEMPLATE}_controller.py"
+"""Its controller in Python; its loop functions have the shorter name."""
+
 _NAME = re.compile(rf"[A-Za-z][A-Za-z0-9_-]{{0,{MAX_NAME_BYTES - 1}}}")
 
 _SENSOR = """
@@ -30,6 +33,8 @@ _SENSOR = """
 """
 
 _INIT = re.compile(r"^static void init\([^)]*\)\s*\{\s*struct (\w+) \*(\w+) = state;\n\n", re.M)
+_INIT_PYTHON = re.compile(r'^    def __init__\(self, robot.*?"""\n', re.M | re.S)
+_STEP_PYTHON = re.compile(r'^    def step\(self, robot.*?"""\n', re.M | re.S)
 _STEP = re.compile(r"^static void step\(.*?\n\n", re.M | re.S)
 
 
@@ -53,20 +58,23 @@ class _Template:
     controllers: Mapping[str, Path]
 
 
-def make(folder: Path, source: str = TEMPLATE, sensor: bool = False) -> tuple[Path, ...]:
+def make(
+    folder: Path, source: str = TEMPLATE, sensor: bool = False, python: bool = False
+) -> tuple[Path, ...]:
     """Makes a folder with an experiment's files and a README that explains them line by line.
 
     Args:
         folder: where they go: it is new, or empty. Its name is the experiment's.
         source: what is copied, one of `templates()`.
         sensor: a virtual sensor of one's own is added, which the controllers read and show.
+        python: the controller is in Python; only `TEMPLATE` has one.
 
     Returns:
         The files, the one to run first.
 
     Raises:
-        UsageError: the name cannot be an experiment's, there is no such template, or the folder
-            holds something or cannot be written.
+        UsageError: the name cannot be an experiment's, there is no such template, it has no
+            controller in Python, or the folder holds something or cannot be written.
         BuildError: vsense's own files are incomplete.
     """
     name = _checked(folder)
@@ -74,7 +82,9 @@ def make(folder: Path, source: str = TEMPLATE, sensor: bool = False) -> tuple[Pa
         raise UsageError(
             f"there is no experiment {source!r} to begin with; {instead(source, templates())}"
         )
-    texts = _renamed(_read(source), source, name)
+    if python and source != TEMPLATE:
+        raise UsageError(f"--python: the controllers of {source!r} are in C; leave out --from")
+    texts = _renamed(_read(source, python), source, name)
     if sensor:
         texts = _with_sensor(texts, name)
     texts["README.md"] = _guide.write(name, source, texts)
@@ -99,11 +109,15 @@ def _checked(folder: Path) -> str:
     return name
 
 
-def _read(source: str) -> _Template:
+def _read(source: str, python: bool) -> _Template:
     folder = SHIPPED_FOLDER
     folder = folder / TEMPLATE if source == TEMPLATE else folder
     argos = (folder / f"{source}{ARGOS_SUFFIX}").read_text(encoding="utf-8")
-    controllers = source_tree().controllers() | {f"{TEMPLATE}.c": folder / f"{TEMPLATE}.c"}
+    own = f"{TEMPLATE}.c"
+    controllers = source_tree().controllers() | {own: folder / own}
+    if python:
+        controllers[_PYTHON] = folder / _PYTHON
+        argos = argos.replace(f'library="{own}"', f'library="{_PYTHON}"')
     named = re.findall(r'<\w+_controller [^>]*?library="([^"]+)"', argos)
     return _Template(argos, folder, {library: controllers[library] for library in named})
 
@@ -115,11 +129,13 @@ def _renamed(template: _Template, source: str, name: str) -> dict[str, str]:
     files = {f"{source}{ARGOS_SUFFIX}": f"{name}{ARGOS_SUFFIX}"}
     texts = {}
     for library, path in template.controllers.items():
-        stem = name if single else path.stem
-        files[path.name] = f"{stem}.c"
-        argos = argos.replace(f' library="{library}"', f' library="{stem}.c"')
+        stem = path.stem
+        if single:
+            stem = name + path.stem.removeprefix(source) if path.name == _PYTHON else name
+        file = files[path.name] = f"{stem}{path.suffix}"
+        argos = argos.replace(f' library="{library}"', f' library="{file}"')
         text = path.read_text(encoding="utf-8")
-        texts[f"{stem}.c"] = text.replace(
+        texts[file] = text.replace(
             f'vs_controller = {{"{path.stem}"', f'vs_controller = {{"{stem}"'
         )
     for python in re.findall(r'<loop_functions library="([^"]+)"', argos):
@@ -148,7 +164,7 @@ def _with_sensor(texts: Mapping[str, str], name: str) -> dict[str, str]:
         key: re.sub(r"(\n)( *</sensors>)", lambda end: f"{mounted}{end[2]}", text)
         if key.endswith(ARGOS_SUFFIX)
         else _reading(text)
-        if key.endswith(".c")
+        if key.endswith((".c", _PYTHON.removeprefix(TEMPLATE)))
         else text
         for key, text in texts.items()
     }
@@ -157,6 +173,11 @@ def _with_sensor(texts: Mapping[str, str], name: str) -> dict[str, str]:
 
 def _reading(controller: str) -> str:
     """A controller that reads the sensor, and shows what it reads."""
+    if _INIT_PYTHON.search(controller):
+        bind = '        self.crowd = robot.sensor("crowd")  # how many others are near\n'
+        show = '        robot.show("crowd", self.crowd.value)\n'
+        text = _INIT_PYTHON.sub(lambda match: f"{match[0]}{bind}", controller)
+        return _STEP_PYTHON.sub(lambda match: f"{match[0]}{show}", text)
     begun = _INIT.search(controller)
     if begun is None:
         raise BuildError("a shipped controller has no init: install vsense again")

@@ -22,6 +22,7 @@ from vsense.vision.calibration._bundle import lens_of
 from vsense.vision.calibration._solution import BoardCheck, Solution, ViewResult, rms
 from vsense.vision.calibration.board import Board
 from vsense.vision.cameras.camera import Camera, Floats
+from vsense.vision.tracking._legibility import Legibility
 
 _COOL = np.array((250.0, 246.0, 240.0))
 _WARM = np.array((196.0, 158.0, 96.0))
@@ -41,7 +42,11 @@ def alarm(share: float) -> Colour:
     return int(mixed[0]), int(mixed[1]), int(mixed[2])
 
 
-_PANEL = 560
+PANEL = 560
+"""Width of a camera's picture in a report [px]."""
+_SQUARE_M, _LINE = 0.5, 0.8
+_UNREAD: Colour = (110, 110, 235)
+_SELDOM: Colour = (150, 225, 250)
 _MARGIN = 40
 _HEAD = 126
 _CAPTION = 64
@@ -64,13 +69,13 @@ def draw(title: str, subtitle: str, solution: Solution, board: Board | None) -> 
     panels = len(cameras) + rig
     columns = min(math.ceil(math.sqrt(panels)), 4)
     rows = math.ceil(panels / columns)
-    height = round(_PANEL * max(c.height_px / c.width_px for c in cameras))
-    step_x, step_y = _PANEL + _MARGIN, height + _CAPTION + _MARGIN // 2
+    height = round(PANEL * max(c.height_px / c.width_px for c in cameras))
+    step_x, step_y = PANEL + _MARGIN, height + _CAPTION + _MARGIN // 2
     canvas = Canvas(_MARGIN + columns * step_x, _HEAD + rows * step_y + 10)
     canvas.text(title, _MARGIN, 50, INK, 1.0)
     canvas.text(subtitle, _MARGIN, 80, MUTED, 0.52)
     longest = _usual_longest_px(solution)
-    enlarged = _ARROW_PX * np.mean([c.width_px for c in cameras]) / (longest * _PANEL)
+    enlarged = _ARROW_PX * np.mean([c.width_px for c in cameras]) / (longest * PANEL)
     legend = f"arrows: seen minus model, {enlarged:.0f} x; blue: corners seen; pale: none"
     canvas.text(legend, _MARGIN, 104, MUTED, 0.46)
     places = [
@@ -83,6 +88,45 @@ def draw(title: str, subtitle: str, solution: Solution, board: Board | None) -> 
     return canvas.finished()
 
 
+def draw_legibility(title: str, subtitle: str, seen: Sequence[Legibility]) -> Image:
+    """Draws where markers can be read in each camera's picture, (h, w, 3) BGR.
+
+    Each has `PANEL` columns. Lines are every half metre on the markers' plane.
+    """
+    columns = min(math.ceil(math.sqrt(len(seen))), 4)
+    height = max(len(legible.widths_px) for legible in seen)
+    step_x, step_y = PANEL + _MARGIN, height + _CAPTION + _MARGIN // 2
+    rows = math.ceil(len(seen) / columns)
+    canvas = Canvas(_MARGIN + columns * step_x, _HEAD + rows * step_y + 10)
+    canvas.text(title, _MARGIN, 50, INK, 1.0)
+    canvas.text(subtitle, _MARGIN, 80, MUTED, 0.52)
+    legend = "red: hardly any is read; yellow: not in every picture; grey: no place for markers"
+    canvas.text(f"{legend}; lines: every 0.5 m", _MARGIN, 104, MUTED, 0.46)
+    for k, legible in enumerate(seen):
+        x, y = _MARGIN + (k % columns) * step_x, _HEAD + (k // columns) * step_y
+        picture = _legibility_picture(legible)
+        canvas.paste(picture, x, y, PANEL, len(picture))
+        canvas.lines(_frame(x, y, len(picture)), MUTED, 1.0, closed=True)
+        unread, seldom = (f"{100.0 * share:.0f} %" for share in legible.shares)
+        text = (
+            f"{legible.cell.family}: hardly any read in {unread}, not in every picture in {seldom}"
+        )
+        _caption(canvas, x, y + len(picture), legible.camera.id, text)
+    return canvas.finished()
+
+
+def _legibility_picture(legible: Legibility) -> Image:
+    picture = np.full((*legible.widths_px.shape, 3), 255, np.uint8)
+    picture[~legible.can_be] = GRID
+    picture[legible.seldom], picture[legible.unread] = _SELDOM, _UNREAD
+    squares = np.floor(legible.places_m / _SQUARE_M)
+    for axis in (0, 1):
+        steps = np.abs(np.diff(squares, axis=axis)).max(axis=2)
+        line = np.insert(steps > 0.0, 0, False, axis=axis)
+        picture[line] = (_LINE * picture[line]).astype(np.uint8)
+    return picture
+
+
 def _usual_longest_px(solution: Solution) -> float:
     sizes = [np.linalg.norm(view.residuals, axis=1) for view in solution.views if view.used]
     return max(float(np.percentile(np.concatenate(sizes), 95.0)), 1e-3)
@@ -91,11 +135,11 @@ def _usual_longest_px(solution: Solution) -> float:
 def _camera_panel(
     canvas: Canvas, camera: Camera, views: Sequence[ViewResult], x: int, y: int, longest: float
 ) -> None:
-    zoom = _PANEL / camera.width_px
+    zoom = PANEL / camera.width_px
     height = round(camera.height_px * zoom)
     pixels = np.concatenate([view.pixels for view in views]) if views else np.zeros((0, 2))
     off = np.concatenate([view.residuals for view in views]) if views else np.zeros((0, 2))
-    canvas.paste(heat(_coverage(camera, pixels)), x, y, _PANEL, height)
+    canvas.paste(heat(_coverage(camera, pixels)), x, y, PANEL, height)
     enlarged = _ARROW_PX / longest
     order = np.argsort(np.linalg.norm(off, axis=1))
     for start, arrow in zip(pixels[order], off[order]):
@@ -135,12 +179,12 @@ def _map_panel(
     corners = [_board_outline(board, *pose) for pose in solution.bodies.values()]
     everything = np.concatenate(shapes + [c for c in corners if board])
     low, high = everything.min(axis=0), everything.max(axis=0)
-    zoom = min((_PANEL - 40) / (high[0] - low[0] + 1e-6), (height - 40) / (high[1] - low[1] + 1e-6))
+    zoom = min((PANEL - 40) / (high[0] - low[0] + 1e-6), (height - 40) / (high[1] - low[1] + 1e-6))
     middle = (low + high) / 2.0
 
     def place(points: Floats) -> Floats:
         shifted = (points - middle) * (zoom, -zoom)
-        return np.asarray(shifted + np.array((x + _PANEL / 2.0, y + height / 2.0)))
+        return np.asarray(shifted + np.array((x + PANEL / 2.0, y + height / 2.0)))
 
     for outline, tint in zip(outlines, cycle(_TINTS)):
         if len(outline):
@@ -169,14 +213,14 @@ def _caption(canvas: Canvas, x: float, foot: float, title: str, text: str) -> No
 
 def _scale(canvas: Canvas, x: float, foot: float, length: float, label: str) -> None:
     """A bar of a length at the right end of a panel's caption."""
-    right = x + _PANEL - width_of(label, 0.48)
+    right = x + PANEL - width_of(label, 0.48)
     canvas.text(label, right, foot + 48, MUTED, 0.48)
     bar = np.array(((right - 10 - length, foot + 43), (right - 10, foot + 43)))
     canvas.lines(bar, INK, 1.5)
 
 
 def _frame(x: float, y: float, height: float) -> Floats:
-    right, bottom = x + _PANEL, y + height
+    right, bottom = x + PANEL, y + height
     return np.array(((x, y), (right, y), (right, bottom), (x, bottom)))
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 from vsense.base.errors import UsageError, VsenseError
@@ -17,15 +18,19 @@ from vsense.vision.calibration import _check
 from vsense.vision.calibration._check import PointCheck, PointSight, read_seen, rms, steps_m
 from vsense.vision.calibration._pictures import gather, inspect
 from vsense.vision.calibration._placement import FloorReference, TagFinder
+from vsense.vision.calibration._report import PANEL, draw_legibility
 from vsense.vision.calibration._views import View
 from vsense.vision.calibration.board import Board, CornerFinder
 from vsense.vision.calibration.checked import CAMERA_CHECK_FILE
 from vsense.vision.calibration.frame import FrameShift
-from vsense.vision.calibration.session import cameras_of
+from vsense.vision.calibration.session import REPORT_FOLDER, cameras_of
 from vsense.vision.cameras.camera import Camera, Floats
 from vsense.vision.cameras.picture import Image
 from vsense.vision.markers.families import load_family
 from vsense.vision.tracking._detector import make_detector
+from vsense.vision.tracking._legibility import legibility
+from vsense.vision.tracking.mask import Mask
+from vsense.vision.tracking.specs import TrackingSession
 
 Find = Callable[[Camera, Image], dict[str, Floats]]
 """What finds known points in a picture: name -> (2,) pixel."""
@@ -39,7 +44,8 @@ _FRAME_SHARE = 0.7
 class CheckOptions:
     """What a calibration is checked with; see `vsense camera calibrate check -h`.
 
-    `limit` and `thickness` are in m.
+    `limit` and `thickness` are in m. `tracking`: which markers the cameras have to read; `arena_m`
+    are the corners of where they can be.
     """
 
     cameras: Path
@@ -55,6 +61,8 @@ class CheckOptions:
     camera: str | None
     every: int
     limit: float | None
+    tracking: TrackingSession | None
+    arena_m: Sequence[tuple[float, float]] | None
     json: bool
 
 
@@ -71,6 +79,11 @@ def run(options: CheckOptions) -> int:
         VsenseError: the pictures show nothing of what was measured.
     """
     _check_options(options)
+    if options.tracking is not None:
+        path = paint_legible(options.tracking, options.arena_m)
+        if not (options.points or options.board):
+            print_data(str(path))
+            return 0
     cameras = cameras_of("--cameras", options.cameras)
     result = _with_board(options, cameras) if options.board else _with_points(options, cameras)
     now = datetime.now(timezone.utc).isoformat(timespec="seconds")
@@ -93,9 +106,38 @@ def run(options: CheckOptions) -> int:
     return 0
 
 
+def paint_legible(session: TrackingSession, arena_m: Sequence[tuple[float, float]] | None) -> Path:
+    """Paints where each camera can read the session's markers, and says it; returns the picture.
+
+    Raises:
+        UsageError: the picture can not be written.
+    """
+    masked = session.masked is not None and session.masked.outline_m is not None
+    mask = Mask(tuple(arena_m)) if arena_m else session.mask if masked else None
+    seen = []
+    for view in session.views:
+        height_m = min(view.tracker.heights_m.values(), default=0.0)
+        family = load_family(view.tracker.family)
+        seen.append(legibility(family, view.camera, height_m, mask, PANEL))
+        words = seen[-1].in_words() or f"{family.name} can be read wherever it may be"
+        _say(f"camera {view.camera.id}: {words}")
+    where = "in the arena" if mask is not None else "in all that they see"
+    image = draw_legibility("What cameras can read", f"markers of {session.file}, {where}", seen)
+    folder = session.resources.cameras[session.views[0].camera.id].calibration.parent
+    path = folder / REPORT_FOLDER / "legible.png"
+    try:
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(cv2.imencode(".png", image)[1].tobytes())
+    except OSError as error:
+        raise UsageError(f"{path}: cannot be written: {error.strerror}") from None
+    return path
+
+
 def _check_options(options: CheckOptions) -> None:
-    if bool(options.points) == bool(options.board):
-        raise UsageError("expected one of --points and --board")
+    if bool(options.points) + bool(options.board) != 1 and (options.points or not options.tracking):
+        raise UsageError("expected one of --points and --board, or --tracking")
+    if options.arena_m and not options.tracking:
+        raise UsageError("--experiment: expected --tracking")
     if options.board and not options.floor:
         raise UsageError("--board: expected --floor, the moments when it lay on the floor")
     if (options.board or options.tags or options.markers) and not options.pictures:

@@ -74,6 +74,7 @@ ENDS = {
     "steady": ("moved", "apart"),
     "clear": ("crowded",),
     "timely": ("late",),
+    "dated": ("untimely",),
 }
 """The events that end lasting kinds of trouble; all other kinds are over at once."""
 

@@ -84,6 +84,7 @@ class CameraHealth:
         self._frozen = _Alarm(camera.id, "frozen", "running", "runs again")
         self._moved = _Alarm(camera.id, "moved", "steady", "is back in its place")
         self._crowded = _Alarm(camera.id, "crowded", "clear", "shows less again")
+        self._untimely = _Alarm(camera.id, "untimely", "dated", "has the other cameras' time again")
         self._steadiness = Steadiness((camera.width_px, camera.height_px))
 
     def update(self, image: NDArray[np.uint8]) -> list[CameraEvent]:
@@ -114,6 +115,12 @@ class CameraHealth:
         """Takes whether a picture held more than the detector's tables; returns changes."""
         text = "shows more dark things than the detector can hold: markers may be missed"
         return self._crowded.update(overflowed, text)
+
+    def date(self, off_ns: int) -> list[CameraEvent]:
+        """Takes how far beside the others' a picture's time was, which was left out for it."""
+        how = f"{abs(off_ns) / 1e9:.2f} s {'ahead of' if off_ns > 0 else 'behind'}"
+        text = f"its clock is {how} the other cameras': its pictures are left out"
+        return self._untimely.update(off_ns != 0, text)
 
     def check_place(
         self, image: NDArray[np.uint8], rows: NDArray[np.void] | None = None
@@ -214,6 +221,7 @@ class Health:
         detections: Mapping[str, NDArray[np.void]],
         overflowed: Sequence[str] = (),
         together: Mapping[str, NDArray[np.void]] | None = None,
+        off_ns: Mapping[str, int] | None = None,
     ) -> list[CameraEvent]:
         """Checks one picture of some cameras; returns what has begun or ended.
 
@@ -223,11 +231,13 @@ class Health:
             overflowed: The cameras whose pictures held more than the detector's tables.
             together: The DETECTION arrays of one timestep, for the cameras' agreement; None:
                 `detections` is of one timestep.
+            off_ns: How far beside the others' a camera's picture was dated, which was left out.
         """
         events: list[CameraEvent] = []
         for frame in frames:
             camera = self._cameras[frame.camera]
             events += camera.update(frame.image) + camera.count(frame.camera in overflowed)
+            events += camera.date((off_ns or {}).get(frame.camera, 0))
         for _ in range(min(CHECKS, len(frames))):
             frame = frames[self._turn % len(frames)]
             self._turn += 1
@@ -246,7 +256,8 @@ class Health:
                 rig, rows = self._rig[frame.camera], detections[frame.camera]
                 places = marker_places(rig, rows, self._heights_m)
                 self._delays.see(frame.camera, frame.capture_ns, places)
-        now_ns = max((frame.capture_ns for frame in frames), default=0)
+        timely = [frame.capture_ns for frame in frames if frame.camera in detections]
+        now_ns = max(timely, default=0)
         return [_timed(*change) for change in self._delays.compare(now_ns)]
 
 

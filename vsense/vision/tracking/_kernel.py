@@ -42,6 +42,8 @@ _LEAST_AREA, _MOST_AREA = 0.36, 1.76
 _LEAST_LENGTH, _MOST_LENGTH = 0.35, 1.45
 """Accepted sides of the box around an outline, as shares of its length: an arrow is 0.58 as wide as
 long, and blur makes things longer."""
+_BEYOND = 1e9
+"""Metres that a pixel takes at the horizon."""
 _LEAST_DISC_PX = 10.0
 """Of a disc that is smaller in some direction nothing can be read."""
 
@@ -196,6 +198,7 @@ class Kernel:
         height_m: float,
         windows: NDArray[np.int32] | None = None,
         thorough: bool = True,
+        wanted: int = 0,
     ) -> NDArray[np.void]:
         """Looks for markers in a whole picture, or in windows of it.
 
@@ -203,28 +206,21 @@ class Kernel:
             image: (height, width) uint8 picture of `camera`.
             height_m: Height of the markers above the floor.
             windows: (n, 4) left, top, right, bottom [px]; they may reach over the border.
-            thorough: Look a second time, where the cells are small enough to ask for it.
+            thorough: Look a second time, where the cells are small enough to ask for it, and
+            wanted: for markers under something else, where fewer than so many were read.
 
         Returns:
             (n,) MARKER, those that lie wholly in the picture.
         """
         view = self._prepare(image, camera, height_m)
         search = view.search if thorough else view.quick
+        search.wanted, self._count[0], full = wanted, 0, 0
         if windows is None:
             windows = np.array([(0, 0, image.shape[1], image.shape[0])], dtype=np.int32)
-        self._count[0] = full = 0
         window = kernel_ffi.new("struct vs_window *")
         for window.left, window.top, window.right, window.bottom in windows.tolist():
-            code = kernels.vs_markers_search(
-                self._work,
-                search,
-                view.outline,
-                view.view,
-                window,
-                self._buffer,
-                _CAPACITY,
-                self._count,
-            )
+            place = search, view.outline, view.view, window, self._buffer
+            code = kernels.vs_markers_search(self._work, *place, _CAPACITY, self._count)
             full |= check(code, f"camera {camera.id}")
         self.overflows += full != 0
         markers = np.array(self._markers[: self._count[0]])
@@ -284,6 +280,7 @@ class Kernel:
                 blocks = blocks_of(self._mask, camera, height_m, self._disc_m)
                 search.outside = kernel_ffi.cast("uint8_t *", blocks.outside.ctypes.data)
             quick = kernel_ffi.new("struct vs_search *", search[0])
+            quick.corners = 0
             for scan in quick.again:
                 scan.level_256 = 0
             self._views[key] = _View(_view(camera, height_m), search, quick, outline, warm, blocks)
@@ -331,6 +328,10 @@ class Kernel:
             row.level_256, row.least_light = scan
         search.print_256, search.has_veil = limits.print, limits.has_veil
         search.lead_m, search.least_apart_m = 1e-3 * float(lead_mm), self._apart_m
+        angles, side_m = shape.right_angles()
+        count = min(len(angles), kernels.VS_MARKERS_CORNERS)
+        search.corners, search.corner_side_m = count, side_m
+        search.corner = angles[:count].tolist()
         gate = search.gate
         length_m, area_m2 = 1e-3 * shape.length_mm, 1e-6 * shape.area_mm2
         gate.least_px = _LEAST_LENGTH * length_m * short
@@ -375,11 +376,16 @@ def scales_of(camera: Camera, height_m: float) -> Scales:
     """Returns the scales of a plane in a camera's picture."""
     columns = np.linspace(0.0, camera.width_px - 1.0, 5)
     rows = np.linspace(0.0, camera.height_px - 1.0, 5)
-    pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 1, 2)
-    steps = np.array([(-0.5, 0.0), (0.5, 0.0), (0.0, -0.5), (0.0, 0.5)])
-    near = camera.to_plane(pixels + steps, height_m)
-    slopes = np.stack((near[:, 1] - near[:, 0], near[:, 3] - near[:, 2]), axis=1)
-    sizes = 1.0 / np.linalg.svd(slopes, compute_uv=False)
+    sizes = sizes_at(camera, height_m, np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2))
     by_area = np.sqrt(sizes.prod(axis=1))
     extremes = by_area.min(), by_area.max(), sizes.min(), sizes.max()
     return Scales(*map(float, extremes))
+
+
+def sizes_at(camera: Camera, height_m: float, pixels: Floats) -> Floats:
+    """Returns the greatest and the least scale of a plane at (n, 2) pixels, (n, 2) [px/m]."""
+    steps = np.array([(-0.5, 0.0), (0.5, 0.0), (0.0, -0.5), (0.0, 0.5)])
+    near = camera.to_plane(pixels[:, np.newaxis] + steps, height_m)
+    slopes = np.stack((near[:, 1] - near[:, 0], near[:, 3] - near[:, 2]), axis=1)
+    slopes = np.nan_to_num(slopes, nan=_BEYOND, posinf=_BEYOND, neginf=-_BEYOND)
+    return np.asarray(1.0 / np.linalg.svd(slopes, compute_uv=False)[:, ::-1])

@@ -16,9 +16,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.arena import DETECTION, IMAGE_POSE, UNNAMED
+from vsense.base.arena import DETECTION, IMAGE_POSE, UNNAMED, turned, wrap_angle
 from vsense.vision.cameras._camera_array import CameraArray, Index
 from vsense.vision.tracking._rows import stack_rows
+from vsense.vision.tracking.specs import PlacedMarker
 
 Floats = NDArray[np.float64]
 
@@ -122,6 +123,8 @@ def make_views(
 ) -> NDArray[np.void]:
     """Returns what each camera sees, (n,) VIEW; `capture_ns` is each picture's.
 
+    Each is as old as its row of the picture.
+
     A view far from the camera's foot point weighs less, because a wrong height shifts it more;
     `height_doubt_m` is the standard deviation of the markers' heights.
     """
@@ -135,7 +138,9 @@ def make_views(
     pixels = np.stack((rows["x_px"], rows["y_px"]), axis=-1)
     views["tag"], views["yaw_rad"], views["cameras"] = rows["tag"], rows["yaw_rad"], 1
     views["x_m"], views["y_m"] = ground_m.T
-    views["capture_ns"] = np.array(capture_ns, dtype=np.int64)[picture]
+    below = rows["y_px"] - 0.5 * (cameras.size_px[camera, 1] - 1.0)
+    later_ns = np.rint(cameras.row_time_ns[camera] * below).astype(np.int64)
+    views["capture_ns"] = np.array(capture_ns, dtype=np.int64)[picture] + later_ns
     views["weight"] = _fade(cameras.size_px[camera], pixels) / (own + (sensitivity**2).sum(axis=1))
     views["covariance"] = covariance[:, _UPPER[0], _UPPER[1]]
     views["height_sensitivity"] = sensitivity
@@ -265,3 +270,71 @@ def heading_px_rad(along_px: Floats) -> Floats:
     """
     theta = -np.arctan2(along_px[:, 1], along_px[:, 0])
     return np.asarray(np.where(theta <= -np.pi, theta + 2.0 * np.pi, theta))
+
+
+class MarkerOffsets:
+    """The offsets of some tags' markers; those of all others are nothing.
+
+    A marker that was put on by hand is off the middle of the wheels' axle, and turned. With (x, y,
+    yaw) the marker's offset in the robot's frame and c, s the cosine and sine of the robot's
+    heading, robot's yaw = marker's yaw - yaw, and (robot's x, y) = marker's (x, y) -
+    (c x - s y, s x + c y). The covariance follows with the derivatives (first order).
+    """
+
+    def __init__(self, offsets: Mapping[int, PlacedMarker]) -> None:
+        """`offsets` are by tag."""
+        items = sorted(offsets.items())
+        self._tags = np.array([tag for tag, _ in items], dtype=np.int64)
+        rows = [(marker.x_m, marker.y_m, marker.yaw_rad) for _, marker in items]
+        self._places = np.array(rows, dtype=np.float64).reshape(-1, 3)
+
+    def to_robots(self, views: NDArray[np.void]) -> NDArray[np.void]:
+        """Returns (n,) VIEW of robots from those of their markers."""
+        rows, places = self._of(views["tag"])
+        if len(rows) == 0:
+            return views
+        moved: NDArray[np.void] = views.copy()
+        yaw_rad = wrap_angle(views["yaw_rad"][rows] - places[:, 2])
+        arm_x, arm_y = turned(places, yaw_rad)
+        moved["x_m"][rows] -= arm_x
+        moved["y_m"][rows] -= arm_y
+        moved["yaw_rad"][rows] = yaw_rad
+        moved["covariance"][rows] = _carried(views["covariance"][rows], arm_y, -arm_x)
+        return moved
+
+    def to_markers(self, poses: NDArray[np.void]) -> NDArray[np.void]:
+        """Returns (n,) rows with tag, x_m, y_m and yaw_rad of markers from those of robots."""
+        rows, places = self._of(poses["tag"])
+        if len(rows) == 0:
+            return poses
+        moved: NDArray[np.void] = poses.copy()
+        arm_x, arm_y = turned(places, poses["yaw_rad"][rows])
+        moved["x_m"][rows] += arm_x
+        moved["y_m"][rows] += arm_y
+        moved["yaw_rad"][rows] = wrap_angle(poses["yaw_rad"][rows] + places[:, 2])
+        return moved
+
+    def _of(self, tags: NDArray[np.integer]) -> tuple[NDArray[np.intp], Floats]:
+        """The rows of `tags` whose offsets are known, and these (k, 3)."""
+        if len(self._tags) == 0:
+            return np.zeros(0, dtype=np.intp), np.zeros((0, 3))
+        wanted = tags.astype(np.int64)
+        place = np.minimum(np.searchsorted(self._tags, wanted), len(self._tags) - 1)
+        rows = np.flatnonzero(self._tags[place] == wanted)
+        return rows, self._places[place[rows]]
+
+
+def _carried(covariance: Floats, by_x: Floats, by_y: Floats) -> Floats:
+    """Covariances (k, 6) of x, y, yaw where x and y [m] go with the yaw's error by so much."""
+    xx, xy, xt, yy, yt, tt = covariance.T
+    return np.stack(
+        (
+            xx + 2.0 * by_x * xt + by_x**2 * tt,
+            xy + by_x * yt + by_y * xt + by_x * by_y * tt,
+            xt + by_x * tt,
+            yy + 2.0 * by_y * yt + by_y**2 * tt,
+            yt + by_y * tt,
+            tt,
+        ),
+        axis=-1,
+    )

@@ -1,10 +1,4 @@
-"""The arena tracker: all cameras' pictures of a timestep in, one arena state out.
-
-A marker that was put on by hand is off the middle of the wheels' axle, and turned. With (x, y, yaw)
-the marker's offset in the robot's frame and c, s the cosine and sine of the robot's heading,
-robot's yaw = marker's yaw - yaw, and (robot's x, y) = marker's (x, y) - (c x - s y, s x + c y).
-The covariance follows with the derivatives (first order).
-"""
+"""The arena tracker: all cameras' pictures of a timestep in, one arena state out."""
 
 from __future__ import annotations
 
@@ -15,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.arena import POSE, SIGHTING, ArenaState, Frame, turned, wrap_angle
+from vsense.base.arena import POSE, SIGHTING, ArenaState, Frame
 from vsense.base.errors import VsenseError
 from vsense.vision.cameras._camera_array import CameraArray
 from vsense.vision.cameras.camera import Camera
@@ -25,6 +19,7 @@ from vsense.vision.tracking._joining import Joining, JoinLimits
 from vsense.vision.tracking._prediction import MarkerSearch, Prediction, SearchPlan
 from vsense.vision.tracking._tracks import Limits, RobotTracks
 from vsense.vision.tracking._views import (
+    MarkerOffsets,
     count_unnamed,
     image_poses,
     make_views,
@@ -37,68 +32,6 @@ from vsense.vision.tracking.specs import PlacedMarker
 Floats = NDArray[np.float64]
 
 
-class MarkerOffsets:
-    """The offsets of some tags' markers; those of all others are nothing."""
-
-    def __init__(self, offsets: Mapping[int, PlacedMarker]) -> None:
-        """`offsets` are by tag."""
-        items = sorted(offsets.items())
-        self._tags = np.array([tag for tag, _ in items], dtype=np.int64)
-        rows = [(marker.x_m, marker.y_m, marker.yaw_rad) for _, marker in items]
-        self._places = np.array(rows, dtype=np.float64).reshape(-1, 3)
-
-    def to_robots(self, views: NDArray[np.void]) -> NDArray[np.void]:
-        """Returns (n,) VIEW of robots from those of their markers."""
-        rows, places = self._of(views["tag"])
-        if len(rows) == 0:
-            return views
-        moved: NDArray[np.void] = views.copy()
-        yaw_rad = wrap_angle(views["yaw_rad"][rows] - places[:, 2])
-        arm_x, arm_y = turned(places, yaw_rad)
-        moved["x_m"][rows] -= arm_x
-        moved["y_m"][rows] -= arm_y
-        moved["yaw_rad"][rows] = yaw_rad
-        moved["covariance"][rows] = _carried(views["covariance"][rows], arm_y, -arm_x)
-        return moved
-
-    def to_markers(self, poses: NDArray[np.void]) -> NDArray[np.void]:
-        """Returns (n,) rows with tag, x_m, y_m and yaw_rad of markers from those of robots."""
-        rows, places = self._of(poses["tag"])
-        if len(rows) == 0:
-            return poses
-        moved: NDArray[np.void] = poses.copy()
-        arm_x, arm_y = turned(places, poses["yaw_rad"][rows])
-        moved["x_m"][rows] += arm_x
-        moved["y_m"][rows] += arm_y
-        moved["yaw_rad"][rows] = wrap_angle(poses["yaw_rad"][rows] + places[:, 2])
-        return moved
-
-    def _of(self, tags: NDArray[np.integer]) -> tuple[NDArray[np.intp], Floats]:
-        """The rows of `tags` whose offsets are known, and these (k, 3)."""
-        if len(self._tags) == 0:
-            return np.zeros(0, dtype=np.intp), np.zeros((0, 3))
-        wanted = tags.astype(np.int64)
-        place = np.minimum(np.searchsorted(self._tags, wanted), len(self._tags) - 1)
-        rows = np.flatnonzero(self._tags[place] == wanted)
-        return rows, self._places[place[rows]]
-
-
-def _carried(covariance: Floats, by_x: Floats, by_y: Floats) -> Floats:
-    """Covariances (k, 6) of x, y, yaw where x and y [m] go with the yaw's error by so much."""
-    xx, xy, xt, yy, yt, tt = covariance.T
-    return np.stack(
-        (
-            xx + 2.0 * by_x * xt + by_x**2 * tt,
-            xy + by_x * yt + by_y * xt + by_x * by_y * tt,
-            xt + by_x * tt,
-            yy + 2.0 * by_y * yt + by_y**2 * tt,
-            yt + by_y * tt,
-            tt,
-        ),
-        axis=-1,
-    )
-
-
 @dataclass(slots=True)
 class TrackerCounters:
     """What the tracker has noticed since it began.
@@ -107,6 +40,7 @@ class TrackerCounters:
         old_frames: Frames dropped because they were not newer than the newest timestep already
             done, or beaten by a newer one in the same call.
         repeated_frames: Second and further frames of one camera in one timestep, dropped.
+        untimely_frames: Frames dated `APART_NS` and more beside most of their timestep, dropped.
         out_of_reach: Sightings at places where their robot cannot have come.
         duplicates: Tags seen at two places at once, counted each timestep.
         overflows: Pictures with more in them than a detector's tables hold.
@@ -114,6 +48,7 @@ class TrackerCounters:
 
     old_frames: int = 0
     repeated_frames: int = 0
+    untimely_frames: int = 0
     out_of_reach: int = 0
     duplicates: int = 0
     overflows: int = 0
@@ -129,6 +64,7 @@ class TrackerCounters:
         facts = (
             (self.old_frames, "pictures older than the newest were dropped"),
             (self.repeated_frames, "pictures of a camera that had delivered already were dropped"),
+            (self.untimely_frames, "pictures dated far beside the others' were dropped"),
             (self.overflows, "pictures held more than the detector's tables"),
             (self.out_of_reach, "sightings were out of their robot's reach"),
             (self.duplicates, "times a tag was at two places at once"),
@@ -140,12 +76,20 @@ class TrackingError(VsenseError):
     """Cameras and pictures that do not belong together."""
 
 
+APART_NS = 5_000_000_000
+"""Pictures of one timestep are never taken so far apart: one of the clocks is wrong."""
+_ALONE = 10
+"""Timesteps without any other camera after which one that was left out is believed."""
+
+
 class FrameGate:
     """Passes on one timestep's pictures, whatever the order they came in.
 
     Attributes:
         cameras: The arena's cameras by their ids, sorted.
-        counters: The tracker's; `old_frames` and `repeated_frames` are counted here.
+        counters: The tracker's; dropped frames are counted here.
+        untimely_ns: By camera, how far beside the others the newest timestep's frame was dated,
+            where it was dropped for that.
     """
 
     def __init__(self, cameras: Sequence[Camera]) -> None:
@@ -153,7 +97,8 @@ class FrameGate:
         if not cameras or len(self.cameras) != len(cameras):
             raise TrackingError("the arena needs cameras, each with an id of its own")
         self.counters = TrackerCounters()
-        self._newest = -1
+        self.untimely_ns: dict[str, int] = {}
+        self._newest, self._capture_ns, self._alone = -1, 0, 0
 
     def choose(self, frames: Sequence[Frame]) -> list[Frame]:
         """Returns the newest timestep's frames, one per camera, sorted; none if already done.
@@ -173,7 +118,26 @@ class FrameGate:
         now.sort(key=lambda frame: (frame.capture_ns, frame.ready_ns))
         single = {frame.camera: frame for frame in now}
         self.counters.repeated_frames += len(now) - len(single)
-        return [single[camera] for camera in sorted(single)]
+        return self._timely([single[camera] for camera in sorted(single)])
+
+    def _timely(self, frames: list[Frame]) -> list[Frame]:
+        """Leaves out frames of wrong clocks: dated beside most, or, of two, beside those before."""
+        stamps = [frame.capture_ns for frame in frames]
+        is_right = any(frame.camera not in self.untimely_ns for frame in frames)
+        self._alone = 0 if is_right else self._alone + 1
+        if 0 < self._alone < _ALONE:
+            self.counters.untimely_frames += len(frames)
+            return []
+
+        def rank(stamp_ns: int) -> tuple[int, int]:
+            near = sum(abs(other - stamp_ns) < APART_NS for other in stamps)
+            return near, -abs(stamp_ns - (self._capture_ns or min(stamps)))
+
+        middle_ns = self._capture_ns = max(stamps, key=rank)
+        off = {frame.camera: frame.capture_ns - middle_ns for frame in frames}
+        self.untimely_ns = {c: off_ns for c, off_ns in off.items() if abs(off_ns) >= APART_NS}
+        self.counters.untimely_frames += len(self.untimely_ns)
+        return [frame for frame in frames if frame.camera not in self.untimely_ns]
 
     def _check(self, frame: Frame) -> None:
         camera = self.cameras.get(frame.camera)
@@ -200,6 +164,7 @@ class ArenaTracker:
         offsets: By tag, where markers sit on their robots; those of other tags sit in the middle.
         markers: By the camera's id, the DETECTION array of its newest picture.
         overflowed: Ids of the cameras whose newest picture held more than the detector's tables.
+        untimely_ns: See `FrameGate`.
         state: The newest arena state; its timestep is -1 before the first.
     """
 
@@ -291,6 +256,10 @@ class ArenaTracker:
     def close(self) -> None:
         """Ends the workers; can be called again."""
         self._workers.close()
+
+    @property
+    def untimely_ns(self) -> Mapping[str, int]:
+        return self._gate.untimely_ns
 
     @property
     def cameras(self) -> list[Camera]:

@@ -24,11 +24,13 @@ CHECK_NS = 80_000_000
 
 
 class _Tracked(NamedTuple):
-    """A picture that was tracked, what was found in its timestep, and whether it held too much."""
+    """A picture that was tracked, what was found in its timestep, whether it held too much, and
+    how far beside the others it was dated where it was left out for that [ns]."""
 
     frame: Frame
     seen: Mapping[str, NDArray[np.void]]
     overflowed: bool
+    off_ns: int
 
 
 class CameraTracking:
@@ -136,11 +138,12 @@ class CameraTracking:
                 noted, self._unchecked = self._unchecked, {}
             due = [tracked for tracked in noted.values() if self._is_due(tracked.frame)]
             if due:
-                newest = max(due, key=lambda tracked: tracked.frame.capture_ns)
+                newest = max(due, key=lambda tracked: tracked.frame.timestep)
                 frames = [tracked.frame for tracked in due]
                 seen = {c: t.seen[c] for t in due if (c := t.frame.camera) in t.seen}
                 crowded = [tracked.frame.camera for tracked in due if tracked.overflowed]
-                events += self._health.update(frames, seen, crowded, newest.seen)
+                off_ns = {tracked.frame.camera: tracked.off_ns for tracked in due}
+                events += self._health.update(frames, seen, crowded, newest.seen, off_ns)
                 for line in self._markers.update(frames, seen):
                     self._say(line)
             self._tell_events(events)
@@ -156,7 +159,9 @@ class CameraTracking:
         return {
             "pictures": self._pictures,
             "left_out": self.grabber.missed - self._missed_before,
-            "old_pictures": counters.old_frames + counters.repeated_frames,
+            "old_pictures": counters.old_frames
+            + counters.repeated_frames
+            + counters.untimely_frames,
             "overflows": counters.overflows,
             "camera_events": sum(self.troubles.counts.values()),
         }
@@ -175,8 +180,10 @@ class CameraTracking:
     def _note(self, frames: Sequence[Frame]) -> None:
         """Keeps each camera's newest picture for the next check."""
         tracker = self.tracker
+        full, off_ns = tracker.overflowed, tracker.untimely_ns
         noted = {
-            f.camera: _Tracked(f, tracker.markers, f.camera in tracker.overflowed) for f in frames
+            f.camera: _Tracked(f, tracker.markers, f.camera in full, off_ns.get(f.camera, 0))
+            for f in frames
         }
         with self._noting:
             self._unchecked.update(noted)

@@ -29,6 +29,7 @@ from vsense.vision.cameras._recordings import DirectoryRecording, VideoRecording
 from vsense.vision.cameras.grabber import Grabber, Troubles
 from vsense.vision.cameras.source import FREE, SOFTWARE, Controls, GenicamSettings, Source
 from vsense.vision.markers.families import SquareFamily, load_family
+from vsense.vision.tracking._legibility import legibility
 from vsense.vision.tracking._prediction import MarkerSearch, SearchPlan
 from vsense.vision.tracking._tracks import Limits
 from vsense.vision.tracking.arena_tracker import ArenaTracker
@@ -43,6 +44,7 @@ from vsense.vision.tracking.specs import (
     TrackingSession,
 )
 
+_PAINTS = "vsense camera calibrate check --tracking paints it"
 OFFLINE = "offline"
 PACED = "paced"
 
@@ -92,6 +94,8 @@ def _check_cells(session: TrackingSession, say: Callable[[str], None]) -> None:
             raise ConfigError(session.file, view.line, message)
         if width.is_small:
             say(f"camera {view.camera.id}: {text}")
+        elif words := legibility(family, view.camera, height_m, session.mask).in_words():
+            say(f"camera {view.camera.id}: {words} ({_PAINTS})")
 
 
 def _grabber(

@@ -14,8 +14,8 @@ from collections.abc import Callable
 from typing import Any
 
 from vsense.base.errors import ConfigError
+from vsense.base.users_code import UsersCode, line_of
 from vsense.base.xml.element import Element
-from vsense.world.loop_functions import UsersCode, line_of
 from vsense.world.sensors.base import Scope, SensorError, VirtualSensor
 
 ELEMENTS = ("vs:sensor",)

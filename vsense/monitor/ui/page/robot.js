@@ -67,7 +67,8 @@ export class Robot {
 
   /** @param {number} tag @param {RobotRow | null} robot */
   #renderFacts(tag, robot) {
-    const facts = [...this.#trouble(robot), ...this.#motion(tag, robot), ...this.#program(tag, robot)];
+    const problems = [...this.#trouble(robot), ...this.#errors(robot)];
+    const facts = [...problems, ...this.#motion(tag, robot), ...this.#program(tag, robot)];
     if (this.facts.childElementCount !== 2 * facts.length) {
       this.facts.replaceChildren(...facts.flatMap(() => [make("span"), make("b")]));
     }
@@ -86,6 +87,11 @@ export class Robot {
   #trouble(robot) {
     const trouble = robot ? wordsOf(robot) : "not known to the run";
     return trouble ? [["trouble", trouble]] : [];
+  }
+
+  /** @param {RobotRow | null} robot @returns {[string, string][]} */
+  #errors(robot) {
+    return robot?.base_errors ? [["errors", `${robot.base_errors}: ${ERRORS}`]] : [];
   }
 
   /** @param {number} tag @param {RobotRow | null} robot @returns {[string, string][]} */
@@ -111,7 +117,6 @@ export class Robot {
     const { part, uid } = this.store.part(tag);
     if (part !== undefined && part !== tag) facts.push(["role", `that of ${part}`]);
     if (uid) facts.push(["uid", uid]);
-    if (robot?.base_errors) facts.push(["errors", `${robot.base_errors}: ${ERRORS}`]);
     for (const [name, value] of Object.entries(robot?.shown ?? {})) {
       facts.push([name, typeof value === "string" ? value : reading(value)]);
     }

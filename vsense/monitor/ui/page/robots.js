@@ -9,7 +9,7 @@ const WEAK_DBM = -75;
  * @type {Record<string, string>} */
 const WORDS = { run: "runs", pause: "paused", stop: "stopped", homing: "goes home" };
 /** What stands under "errors". */
-export const ERRORS = "how often it lost its microcontroller since its daemon started; one or two come with a start";
+export const ERRORS = "times its daemon lost the microcontroller; 1 or 2 at the start are usual";
 
 /** `key` is what it is sorted by.
  * @typedef {object} Column

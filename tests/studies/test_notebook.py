@@ -1,0 +1,115 @@
+"""Experiments from Python: what the page says runs, and is what the command does."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import vsense
+from tests.rigs.places import ROOT
+from vsense import cli
+from vsense.base.errors import UsageError
+from vsense.studies.notebook import RunTable, SimulatedRun, load_experiment
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+PAGE = (ROOT / "vsense" / "studies" / "PYTHON.md").read_text()
+BLOCKS = re.findall(r"```python\n(.*?)```", PAGE, re.S)
+
+
+@pytest.mark.parametrize("number", range(len(BLOCKS)))
+def test_the_page_runs_as_it_is(number: int, capsys: pytest.CaptureFixture[str]) -> None:
+    exec(compile(BLOCKS[number], "page", "exec"), {})
+    out, err = capsys.readouterr()
+    assert out.count("\n") == (4, 2, 1, 1)[number] and err == ""
+    # What stands behind a line as a comment is what it printed.
+    said = re.findall(r"print\(.*\)\s*# ([({\[][^:]*[)}\]](?=$|:)|{.*})", BLOCKS[number], re.M)
+    assert len(said) == (3, 0, 0, 0)[number]
+    assert all(text in out for text in said)
+
+
+def test_a_run_is_that_of_the_command() -> None:
+    run = vsense.load("foraging", {"foraging.pull": 0.2}, robots=5, duration_s=20).simulate(3, "a")
+    words = ["sim", "foraging", "--set", "foraging.pull=0.2", "--robots", "5", "--seed", "3"]
+    assert cli.main([*words, "--duration", "20", "--output", "b"]) == 0
+    theirs = SimulatedRun(Path("b"))
+    assert run.folder == Path("a").resolve() and run.valid
+    for ours, other in ((run.poses, theirs.poses), (run.leds, theirs.leds)):
+        assert ours.shape[:2] == (200, 5) and np.array_equal(ours, other)
+    summary = json.loads(Path("b/summary.json").read_text())
+    assert run.measures == summary["measures"]
+    assert {k: v for k, v in run.summary.items() if k != "speedup"} == {
+        k: v for k, v in summary.items() if k != "speedup"
+    }
+    columns = run.columns()
+    at = (columns["tag"] == run.tags[2]) & (columns["time_s"] == run.time_s[7])
+    assert columns["x_m"][at] == run.poses[7, 2, 0] and len(columns["x_m"]) == 1000
+    assert [text for _, text in run.events] == [text for _, text in theirs.events]
+    assert run.measured["items_home"].shape == (200,)
+    assert run.measured["items_home"][-1] == run.measures["items_home"]
+    assert run._repr_png_().startswith(b"\x89PNG") and "items home" in run._repr_html_()
+
+
+def test_changing_makes_another_one() -> None:
+    first = load_experiment("foraging", duration_s=10)
+    more = first.changed({"foraging.pull": 0.2}, robots=3).changed({"foraging.trail": 1})
+    assert (len(first.experiment.robots), len(more.experiment.robots)) == (15, 3)
+    params = more.experiment.controllers[0].params
+    assert (params["pull"], params["trail"], more.experiment.length_s) == ("0.2", "1", 10.0)
+    assert first.experiment.controllers[0].params["pull"] == "0.05"
+    assert "foraging" in str(first) and first.experiment.name == "foraging"
+
+
+def test_a_campaign_is_a_table_that_goes_on(capsys: pytest.CaptureFixture[str]) -> None:
+    experiment = load_experiment("foraging", {"foraging.trail": 2}, robots=4, duration_s=5)
+    runs = experiment.simulate_many([1, 2], {"foraging.release": [0, 1]}, "release.csv")
+    before = Path("release.csv").read_bytes()
+    columns = runs.columns()
+    assert columns["foraging.release"].tolist() == [0, 0, 1, 1]
+    assert columns["seed"].tolist() == [1, 2, 1, 2] and columns["items_home"].dtype == float
+    again = experiment.simulate_many([1, 2, 3], {"foraging.release": [0, 1]}, "release.csv")
+    assert Path("release.csv").read_bytes() != before and len(again.rows) == 6
+    assert "<td>1.0</td>" in again._repr_html_()
+    assert capsys.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("act", "words"),
+    [
+        (lambda: load_experiment("forageing"), "is 'foraging' meant"),
+        (lambda: load_experiment("foraging", {"foraging.relese": 1}), "is 'release' meant"),
+        (lambda: load_experiment("foraging", {"foraging.release": -1}), "number of 0 or more"),
+        (lambda: RunTable(Path("none.csv")).rows, "none.csv"),
+        (lambda: SimulatedRun(Path("nowhere")).measures, "is no run of vsense sim"),
+    ],
+)
+def test_what_is_wrong_is_one_sentence(act, words: str) -> None:
+    with pytest.raises(vsense.VsenseError, match=words):
+        act()
+
+
+@pytest.mark.campaign
+def test_data_frames() -> None:
+    pandas = pytest.importorskip("pandas")
+    run = load_experiment("foraging", robots=3, duration_s=2).simulate(1, "a")
+    frame = run.to_pandas()
+    assert (
+        isinstance(frame, pandas.DataFrame)
+        and frame.groupby("tag")["x_m"].size().tolist() == [20] * 3
+    )
+
+
+def test_pandas_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    run = load_experiment("foraging", robots=3, duration_s=2).simulate(1, "a")
+    with pytest.raises(UsageError, match=r"to_pandas\(\) needs the Python package pandas: .*pip"):
+        run.to_pandas()

@@ -1,0 +1,137 @@
+"""A user's own Python file in this process: each load is a new one, errors have their line."""
+
+from __future__ import annotations
+
+import inspect
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import ModuleType, TracebackType
+
+from vsense.base.arena import POSE
+from vsense.base.errors import VsenseError
+from vsense.base.files import read_bytes
+
+_MAX_SHOWN = 300
+
+
+class UsersCode:
+    """One Python file of a user; `file` is its name in errors.
+
+    `ran` is whether this process has run any.
+    """
+
+    ran = False
+
+    def __init__(self, path: Path, error: Callable[[str, int, str], VsenseError]) -> None:
+        """Modules beside the file at `path` may be imported in it.
+
+        `error` makes what is raised from file, line (from 1) and what happened there.
+        """
+        self.file = str(path)
+        self._path = path
+        self._folder = str(path.resolve().parent)
+        self._error = error
+
+    def error(self, line: int, message: str) -> VsenseError:
+        """Makes the error that something is wrong in a line of the file."""
+        return self._error(self.file, line, message)
+
+    def load(self, name: str) -> ModuleType:
+        """Runs the file as a new module `name`: a second run does not find the first one's.
+
+        Raises:
+            VsenseError: the user's, made by `error`: it cannot be read, or it failed.
+        """
+        try:
+            source = read_bytes(self._path)
+        except OSError as error:
+            reason = error.strerror or type(error).__name__
+            raise self.error(1, f"cannot be read: {reason}") from None
+        module = ModuleType(name)
+        module.__file__ = self.file
+        UsersCode.ran, before = True, set(sys.modules)
+        # Dataclasses look the module that they are made in up by its name.
+        sys.modules[name] = module
+        with self.watch():
+            exec(compile(source, self.file, "exec", dont_inherit=True), module.__dict__)
+        for other in set(sys.modules) - before - {name}:
+            file = getattr(sys.modules[other], "__file__", None)
+            if file is not None and str(Path(file).parent) == self._folder:
+                del sys.modules[other]
+        return module
+
+    @contextmanager
+    def watch(
+        self, where: str = "", fallback: int = 1, through: tuple[type[Exception], ...] = ()
+    ) -> Iterator[None]:
+        """Runs the user's code: modules beside it are found, and its errors have their line.
+
+        SystemExit is an error here, too: a file must not end the program. Ctrl-C goes through.
+
+        Args:
+            where: begins the error's message.
+            fallback: line of an error that came from none of the file's.
+            through: errors that have a better place of their own.
+
+        Raises:
+            VsenseError: the user's, made by `error`.
+        """
+        with self.beside():
+            try:
+                yield
+            except KeyboardInterrupt:
+                raise
+            except through:
+                raise
+            except BaseException as error:
+                raise self.caused(error, where, fallback) from error
+
+    def caused(self, error: BaseException, where: str = "", fallback: int = 1) -> VsenseError:
+        """Makes the error that says what an exception of the user's code means; see `watch`."""
+        return self.error(_line_in(self.file, error) or fallback, where + _words(error))
+
+    @contextmanager
+    def beside(self) -> Iterator[None]:
+        """Modules beside the file may be imported."""
+        sys.path.append(self._folder)
+        try:
+            yield
+        finally:
+            ours = [place for place, folder in enumerate(sys.path) if folder == self._folder]
+            for last in ours[-1:]:
+                del sys.path[last]
+
+
+def line_of(function: object) -> int:
+    """The line that a function begins in, 1 where it is none."""
+    plain = inspect.unwrap(function) if callable(function) else function
+    code = getattr(plain, "__code__", None)
+    return code.co_firstlineno if code is not None else 1
+
+
+def _line_in(file: str, error: BaseException) -> int | None:
+    """The line of a file that an error came from, or came through last."""
+    if isinstance(error, SyntaxError) and error.filename == file and error.lineno:
+        return error.lineno
+    line, step = None, error.__traceback__
+    while isinstance(step, TracebackType):
+        if step.tb_frame.f_code.co_filename == file:
+            line = step.tb_lineno
+        step = step.tb_next
+    return line
+
+
+def _words(error: BaseException) -> str:
+    """What happened, in one line; an error of our own says enough by itself."""
+    try:
+        text = " ".join(str(error.msg if isinstance(error, SyntaxError) else error).split())
+    except Exception:  # the user's own class may fail at this, too
+        text = "it cannot say what is wrong"
+    if isinstance(error, VsenseError):
+        return text[:_MAX_SHOWN]
+    if text.startswith("no field of name"):  # NumPy's words
+        text += f"; world.robots has {', '.join(POSE.names or ())}"
+    name = type(error).__name__
+    return f"{name}: {text}"[:_MAX_SHOWN] if text else name

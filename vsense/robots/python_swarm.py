@@ -1,0 +1,362 @@
+"""What a controller in Python sees and may do: a `Robot`, or all robots of a controller as arrays.
+
+A file has one of these classes:
+
+    class Controller:                  # one is made for every robot
+        def __init__(self, robot):     # bind sensors and read parameters here
+            self.light = robot.sensor("light")
+
+        def step(self, robot):         # one control step: read, think, set wheels and LEDs
+            if self.light.known:
+                robot.set_wheels(300, 500)
+
+    class SwarmController:             # one is made for all of them; everything is an array
+        def __init__(self, swarm):
+            self.light = swarm.sensor("light")
+
+        def step(self, swarm):
+            bright = self.light.values.max(axis=1)
+            swarm.set_wheels(300 + 200 * (bright > 1), 500)
+
+`end(self)` is called after the run where it is there. Names, units, limits and what holds for
+readings that are stale are those of `robot/controller.h`; what is set stays until it is set again.
+Nothing here blocks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from enum import IntFlag
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from vsense.base.native import ffi
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.bool_]
+
+
+class Leds(IntFlag):
+    """For `set_leds`: the eight red LEDs around the body, the green body, the front."""
+
+    RING = 0xFF
+    BODY = 0x100
+    FRONT = 0x200
+
+
+MAX_TEXT_BYTES = 4096
+"""Of all parameters together. Source: robot/controller.h."""
+
+OWN_COUNTS = {
+    "proximity": 8, "light": 8, "battery_low": 1, "ground": 3, "wheels": 2, "range_and_bearing": 30,
+    "accelerometer": 3, "microphones": 3, "battery": 1, "gyroscope": 3, "distance": 1,
+}  # fmt: skip
+"""How many numbers the robots' own sensors have. Source: robot/base_sensors.c."""
+
+_NEVER_NS = 2**64 - 1
+_MOST_STEPS_S = 32767.0
+
+
+class HostedRobots:
+    """The robots of a controller as C has them (`robot/hosted.h`)."""
+
+    def __init__(self, lib: Any, robots: Any, count: int) -> None:
+        self._lib, self._robots = lib, robots
+        self.count = count
+
+    def call(self, function: str, *arguments: Any) -> Any:
+        """Calls `vs_hosted_FUNCTION`; arrays are given as they lie in memory, texts as UTF-8."""
+        given = map(self._given, arguments)
+        return getattr(self._lib, f"vs_hosted_{function}")(self._robots, *given)
+
+    def walks(self) -> Any:
+        """Memory for the walks of all robots."""
+        return ffi.new("double[]", -(-self.call("walk_bytes") // 8))
+
+    def text(self, robot: int, name: str) -> str | None:
+        """A parameter; None: the experiment does not have it."""
+        room = ffi.new("char[]", MAX_TEXT_BYTES + 1)
+        size = len(room)
+        if self.call("param_text", robot, name, room, size) < 0:
+            return None
+        text: bytes = ffi.string(room)
+        return text.decode(errors="replace")
+
+    def _given(self, value: Any) -> Any:
+        if isinstance(value, np.ndarray):
+            return ffi.from_buffer(f"{_C_TYPES[value.dtype.char]} *", value)
+        if isinstance(value, str):
+            return value.encode()
+        return value
+
+
+_C_TYPES = {"d": "double", "B": "uint8_t", "?": "uint8_t", "i": "int32_t", "I": "uint32_t"}
+_C_TYPES |= {np.dtype(np.uint64).char: "uint64_t"}
+
+
+class SwarmReading:
+    """A sensor of all robots, as it is in this control step; n robots, k numbers each."""
+
+    def __init__(self, swarm: Swarm, name: str, count: int) -> None:
+        self._swarm, self._step = swarm, -1
+        self._handle = swarm.runtime.call("sensor", name)
+        robots = swarm.runtime.count
+        self._values, self._ages_ns = np.zeros((robots, count)), np.zeros(robots, np.uint64)
+        self._stale = np.zeros(robots, np.bool_)
+
+    def _read(self) -> None:
+        if self._step != self._swarm.steps:
+            self._step, count = self._swarm.steps, self._values.shape[1]
+            into = self._values, self._ages_ns, self._stale
+            self._swarm.runtime.call("read", self._handle, count, *into)
+
+    @property
+    def values(self) -> Floats:
+        """(n, k) its numbers; 0 where it is not known."""
+        self._read()
+        return self._values
+
+    @property
+    def value(self) -> Floats:
+        """(n,) the first of its numbers."""
+        return self.values[:, 0]
+
+    @property
+    def known(self) -> Rows:
+        """(n,) it has been measured once; False: nobody offers it, or not yet."""
+        self._read()
+        return np.asarray(self._ages_ns != _NEVER_NS)
+
+    @property
+    def stale(self) -> Rows:
+        """(n,) older than 2.5 timesteps, or not known."""
+        self._read()
+        return self._stale
+
+    @property
+    def age_s(self) -> Floats:
+        """(n,) [s] since it was measured; infinite where it is not known."""
+        self._read()
+        return np.where(self.known, self._ages_ns * 1e-9, np.inf)
+
+
+class SwarmActuator:
+    """A virtual actuator of all robots."""
+
+    def __init__(self, swarm: Swarm, name: str, count: int) -> None:
+        self._swarm, self._count = swarm, count
+        self._handle = swarm.runtime.call("actuator", name)
+        self.values = np.zeros((swarm.runtime.count, count))
+        self.changed = np.zeros(swarm.runtime.count, np.bool_)
+
+    def set(self, values: ArrayLike, index: int = 0, where: ArrayLike = True) -> None:
+        """Sets number `index` of it, for the robots of `where`.
+
+        Raises:
+            IndexError: it has fewer numbers.
+            ValueError: `values` are not one number, or one for each robot.
+        """
+        if not 0 <= index < self._count:
+            raise IndexError(f"number {index} of an actuator that has {self._count}")
+        rows = self._swarm.rows(where)
+        self.values[rows, index] = self._swarm.column(values)[rows]
+        self.changed |= rows
+
+    def send(self) -> None:
+        """Hands to the robots what was set."""
+        if self.changed.any():
+            given = self.changed, self._handle, self._count, self.values
+            self._swarm.runtime.call("actuate", *given)
+            self.changed[:] = False
+
+
+class SwarmWalk:
+    """How all robots get about, see `robot/walk.h`; the newest order of a control step counts."""
+
+    WANDER, TOWARDS, REST = 1, 2, 3
+    """As `vs_hosted_walk` has them."""
+
+    def __init__(self, swarm: Swarm) -> None:
+        self._swarm, self._walks = swarm, swarm.runtime.walks()
+        swarm.runtime.call("walk_begin", self._walks)
+        self._does = np.zeros(swarm.runtime.count, np.uint8)
+        self._bearings_rad = np.zeros(swarm.runtime.count)
+
+    def wander(self, where: ArrayLike = True) -> None:
+        """A random walk that turns away from obstacles."""
+        self.order(self._swarm.rows(where), self.WANDER)
+
+    def towards(self, bearings_rad: ArrayLike, where: ArrayLike = True) -> None:
+        """Towards a bearing, counter-clockwise from ahead; obstacles are passed by first."""
+        rows = self._swarm.rows(where)
+        self.order(rows, self.TOWARDS, self._swarm.column(bearings_rad)[rows])
+
+    def rest(self, where: ArrayLike = True) -> None:
+        """Stands still."""
+        self.order(self._swarm.rows(where), self.REST)
+
+    def order(self, rows: Any, what: int, bearings_rad: Any = 0.0) -> None:
+        """These robots do something in this control step, whatever their wheels were set to."""
+        self._does[rows], self._bearings_rad[rows] = what, bearings_rad
+        self._swarm.wheels_set[rows] = False
+
+    def drop(self, rows: Any) -> None:
+        """These robots do not walk in this control step: their wheels are set."""
+        self._does[rows] = 0
+
+    def send(self) -> None:
+        """Has the robots make their step."""
+        if self._does.any():
+            self._swarm.runtime.call("walk", self._walks, self._does, self._bearings_rad)
+            self._does[:] = 0
+
+
+class Swarm:
+    """All robots of a controller, n of them; what it is given and gives are arrays in their order.
+
+    Attributes:
+        tags: (n,) the robots.
+        timestep_s: [s] length of a timestep; control steps are about that far apart.
+    """
+
+    def __init__(
+        self,
+        runtime: HostedRobots,
+        tags: Sequence[int],
+        timestep_s: float,
+        counts: Mapping[str, int],
+        actuator_counts: Mapping[str, int],
+    ) -> None:
+        """`counts` has the numbers of the virtual sensors, by their names in the table."""
+        self.tags, self.timestep_s, self.steps = np.array(tags), timestep_s, 0
+        self.runtime, self._counts, self._actuator_counts = runtime, counts, actuator_counts
+        self._readings = dict[str, SwarmReading]()
+        self._actuators = dict[str, SwarmActuator]()
+        self._walk: SwarmWalk | None = None
+        count = runtime.count
+        self._wheels, self.wheels_set = np.zeros((count, 2), np.int32), np.zeros(count, np.bool_)
+        self._leds, self._leds_set = np.zeros(count, np.uint32), np.zeros(count, np.bool_)
+
+    def __len__(self) -> int:
+        return self.runtime.count
+
+    def sensor(self, name: str) -> SwarmReading:
+        """Binds a sensor by name; of one that nobody offers the reading is not known."""
+        if name not in self._readings:
+            count = self._counts.get(name, self._counts.get(f"+{name}", OWN_COUNTS.get(name, 1)))
+            self._readings[name] = SwarmReading(self, name, count)
+        return self._readings[name]
+
+    def actuator(self, name: str) -> SwarmActuator:
+        """Binds a virtual actuator by name."""
+        if name not in self._actuators:
+            self._actuators[name] = SwarmActuator(self, name, self._actuator_counts.get(name, 1))
+        return self._actuators[name]
+
+    def walk(self) -> SwarmWalk:
+        """Begins walking by `robot/walk.h`, which reads speed_cm_s, walk_s and near_raw."""
+        if self._walk is None:
+            self._walk = SwarmWalk(self)
+        return self._walk
+
+    def param(
+        self, name: str, fallback: float, least: int | None = None, most: int | None = None
+    ) -> Floats:
+        """(n,) a parameter of the experiment; one beyond its bounds is refused before the run."""
+        return np.array([self.param_of(i, name, fallback, least, most) for i in range(len(self))])
+
+    def param_of(
+        self, robot: int, name: str, fallback: float, least: int | None, most: int | None
+    ) -> float:
+        """The same of one robot, by its place."""
+        if least is None and most is None:
+            return float(self.runtime.call("param", robot, name, fallback))
+        bounds = -(2**31) if least is None else least, 2**31 - 1 if most is None else most
+        return float(self.runtime.call("param_in", robot, name, fallback, *bounds))
+
+    def set_wheels(
+        self, left_steps_s: ArrayLike, right_steps_s: ArrayLike, where: ArrayLike = True
+    ) -> None:
+        """Wheels of the robots of `where` [step/s], forwards; ValueError: not finite numbers."""
+        rows = self.rows(where)
+        for side, given in enumerate((left_steps_s, right_steps_s)):
+            steps_s = np.clip(self.column(given)[rows], -_MOST_STEPS_S, _MOST_STEPS_S)
+            self._wheels[rows, side] = steps_s
+        self._are_set(rows)
+
+    def set_wheels_of(self, robot: int, left_steps_s: float, right_steps_s: float) -> None:
+        """The same of one robot, by its place."""
+        for side, given in enumerate((left_steps_s, right_steps_s)):
+            self._wheels[robot, side] = max(-_MOST_STEPS_S, min(given, _MOST_STEPS_S))
+        self._are_set(robot)
+
+    def _are_set(self, rows: Any) -> None:
+        self.wheels_set[rows] = True
+        if self._walk is not None:
+            self._walk.drop(rows)
+
+    def set_leds(self, leds: ArrayLike, where: ArrayLike = True) -> None:
+        """Which LEDs are on, see `Leds`; bit n of the ring is LED n."""
+        rows = self.rows(where)
+        self._leds[rows] = np.broadcast_to(np.asarray(leds, np.uint32), len(self))[rows]
+        self._leds_set |= rows
+
+    def set_leds_of(self, robot: int, leds: int) -> None:
+        """The same of one robot, by its place."""
+        self._leds[robot], self._leds_set[robot] = leds, True
+
+    def random_of(self, robot: int) -> float:
+        """The next random number of one robot, by its place."""
+        return float(self.random(np.arange(len(self)) == robot)[robot])
+
+    def random(self, where: ArrayLike = True) -> Floats:
+        """(n,) uniform in [0, 1), of each robot's own generator; 0 for the others."""
+        values = np.zeros(len(self))
+        self.runtime.call("random", self.rows(where), values)
+        return values
+
+    def show(self, name: str, values: ArrayLike, where: ArrayLike = True) -> None:
+        """Shows a number of every robot to people, under a name of 15 bytes at most."""
+        for row in np.flatnonzero(self.rows(where)):
+            self.runtime.call("show", int(row), name, float(self.column(values)[row]))
+
+    def log(self, robot: int, line: str) -> None:
+        """One line for the host's list of events, from the robot at this place."""
+        self.runtime.call("log", robot, line)
+
+    def rows(self, where: ArrayLike) -> Rows:
+        """(n,) the robots that `where` means: one truth value, or one for each."""
+        return np.array(np.broadcast_to(np.asarray(where, np.bool_), len(self)))
+
+    def column(self, values: ArrayLike) -> Floats:
+        """(n,) one number, or one for each robot; ValueError: they are not, or not finite."""
+        column = np.asarray(values, np.float64)
+        if column.shape not in ((), (len(self),)):
+            expected = f"expected one number, or {len(self)}: one for each robot"
+            raise ValueError(f"an array of shape {column.shape}; {expected}")
+        if not np.isfinite(column).all():
+            raise ValueError("numbers that are not finite")
+        return np.broadcast_to(column, len(self))
+
+    def send(self) -> None:
+        """Hands to the robots what was set in this control step."""
+        runtime = self.runtime
+        if self._walk is not None:
+            self._walk.send()
+        if self.wheels_set.any():
+            runtime.call("wheels", self.wheels_set, self._wheels)
+            self.wheels_set[:] = False
+        if self._leds_set.any():
+            runtime.call("leds", self._leds_set, self._leds)
+            self._leds_set[:] = False
+        for actuator in self._actuators.values():
+            actuator.send()
+
+    def rest(self, robot: int) -> None:
+        """This robot stands, is dark, and does nothing virtual."""
+        self.set_wheels_of(robot, 0.0, 0.0)
+        self.set_leds_of(robot, 0)
+        for actuator in self._actuators.values():
+            actuator.values[robot], actuator.changed[robot] = 0.0, True
