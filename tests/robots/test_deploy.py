@@ -105,7 +105,7 @@ def test_a_dry_run_says_what_would_be_sent_and_reaches_nobody(
     first, second = json.loads(capsys.readouterr().out)
     assert (first["robot"], first["tag"], second["tag"]) == ("board", 7, 8)
     if "--rollback" in words:
-        assert "become those before the last deploy" in out and first["settings"] is None
+        assert "the one before" in out and "those before\n" in out and first["settings"] is None
         return
     # It is what the board then has, in every word.
     assert deploy(tmp_path, "board tag=7 port=4060\nother tag=8\n", *words) == 0

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import stat
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from tests.robots import rosters
 from tests.robots.rosters import deploy, write_program
 from vsense import cli
-from vsense.base.errors import ConfigError, VsenseError
+from vsense.base.errors import ConfigError, UsageError, VsenseError
 from vsense.base.sharing import NotMember
-from vsense.commands import robot_keys
+from vsense.commands import robot_emulate, robot_keys
 from vsense.robots import key_holders
 from vsense.robots.deploying import Outcome, Part, Plan, RobotHost
 from vsense.robots.link import keys
@@ -297,3 +299,42 @@ def test_no_key_is_left_behind_where_a_board_refuses(
     assert deploy(tmp_path, "pi@a tag=1\n", "--key", str(file), "--sudo") == 1
     assert "a password is required" in capsys.readouterr().out
     assert set(Path("/tmp").glob("vsensed.*")) == here
+
+
+def test_robots_whose_hosts_come_later_are_left_out(
+    boards: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["new", "first"]) == 0
+    common = ["--host", "10.0.0.1", "--base", "argos:/dev/ttyS0", "--insecure", "--target", "host"]
+    words = ["robot", "deploy", *common, "--dry"]
+    assert cli.main(["robot", "init", "--robots", "4"]) == 0
+    assert cli.main([*words, "--rollback"]) == 2, "nobody can be reached"
+    assert cli.main(["robot", "init", "root@192.168.1.30-31"]) == 0
+    capsys.readouterr()
+    for what in (["--experiment", "first", "--robots", "2"], ["--rollback"]):
+        assert cli.main([*words, *what]) == 0
+        said = capsys.readouterr()
+        assert said.out.count("root@192.168.1.3") == 2
+        assert re.search(
+            r"^without a host in robots\.toml, and left out: \d+, \d+$", said.err, re.M
+        )
+    assert cli.main([*words, "--experiment", "first", "--robots", "3"]) == 2
+    assert "no host for this robot" in capsys.readouterr().err
+
+
+def test_emulated_robots_get_no_keys_where_that_is_asked(
+    boards: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    given: list[Any] = []
+
+    def start(*arguments: Any) -> None:
+        given.append(arguments[6])
+        raise UsageError("enough")
+
+    monkeypatch.setattr(robot_emulate, "Rehearsal", start)
+    key = ["--key", str(tmp_path / "swarm.key")]
+    assert cli.main(["robot", "keys", *key, "--new-key"]) == 0
+    for more in ([], ["--insecure"]):
+        output = ["-o", str(tmp_path / f"logs{len(more)}")]
+        assert cli.main(["robot", "emulate", "3", *key, *more, *output]) == 2
+    assert given[0] is not None and given[1] is None

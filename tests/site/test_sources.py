@@ -90,7 +90,9 @@ AVOIDED = {
     r"(?:is|are|was|were) told": "is reported, gets",
     r"sighted": "with virtual sensors",
     r"lit": "with LEDs on",
-    r"(?:is|are|be|as|of|it) void|void (?:runs?|ones?)|voids": "invalid",
+    r"(?:is|are|be|as|of|it) void|[Vv]oid (?:runs?|ones?)|voids": "invalid",
+    r"be blind": "have no virtual sensors",
+    r"[Ww]ho comes|count who": "the robot that",
     r"plays? (?:the|its|their) part": "has the role",
 }
 """Words that had to be read twice, and what is said instead; keys of files stand in backticks."""
@@ -112,6 +114,9 @@ def test_pages_and_messages_are_in_plain_words() -> None:
     read = {page: [(ROOT / page).read_text()] for page in pages}
     modules = sorted((ROOT / "vsense").rglob("*.py"))
     read |= {str(path.relative_to(ROOT)): [*messages(path)] for path in modules}
+    given = [*(ROOT / "vsense/config/experiments/start").glob("*.*")]
+    given += (ROOT / "vsense/config/examples").glob("*.toml")  # what users get as their own
+    read |= {str(path.relative_to(ROOT)): [path.read_text()] for path in given}
     avoided = re.compile(rf"\b(?:{'|'.join(AVOIDED)})\b")
     assert len(read) > 400
     assert [

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -95,6 +97,12 @@ def test_a_campaign_is_a_table_that_goes_on(capsys: pytest.CaptureFixture[str]) 
 def test_what_is_wrong_is_one_sentence(act, words: str) -> None:
     with pytest.raises(vsense.VsenseError, match=words):
         act()
+
+
+def test_loading_needs_no_opencv() -> None:
+    code = "import sys, vsense; vsense.load('foraging'); print('cv2' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"
 
 
 @pytest.mark.campaign

@@ -172,7 +172,7 @@ def tracker(text: str) -> tuple[str, int]:
     host, colon, number = text.rpartition(":")
     if text == "lines":
         return "", 0
-    if not colon or not host or not number.isdigit():
+    if not colon or not host or not number.isdigit() or host.startswith("lines:"):
         raise argparse.ArgumentTypeError(
             f"'{text}': expected ADDRESS:PORT, or lines or lines:PORT for a tracker that connects"
         )

@@ -40,15 +40,18 @@ def _planned(plan: Plan, robot: RobotHost) -> dict[str, Any]:
 def _planned_table(planned: Sequence[Mapping[str, Any]]) -> str:
     """A row for each robot, and what would be done on all."""
     rows = [("robot", "tag", "vsensed", "key", "settings")]
+    binary, kept = "-", "stay"
+    if planned[0]["part"] == Part.BACK.value:
+        binary, kept = "the one before", "those before"
     for facts in planned:
         settings = facts["settings"] or {}
         rows.append(
             (
                 facts["robot"],
                 str(facts["tag"]),
-                f"{facts['vsensed_bytes']} bytes" if facts["vsensed_bytes"] else "-",
+                f"{facts['vsensed_bytes']} bytes" if facts["vsensed_bytes"] else binary,
                 "a new one" if facts["key"] else "stays",
-                " ".join(f"{name}={value}" for name, value in settings.items()) or "stay",
+                " ".join(f"{name}={value}" for name, value in settings.items()) or kept,
             )
         )
     first = planned[0]

@@ -123,13 +123,23 @@ _SETTINGS = {"run_host": "host", "battery_stop_mv": "battery-stop-mv"}
 def boards(
     roster: Roster, tags: Collection[int] | None, say: Callable[[str], None]
 ) -> list[RobotHost]:
-    """The boards of the `chosen` robots.
+    """The boards of the `chosen` robots; without `--tags` of those whose host is known yet.
 
     Raises:
-        UsageError: as `chosen`; or the roster does not say how one is reached.
+        UsageError: as `chosen`; or the roster does not say how one that is named, or any, is
+            reached.
     """
     robots = chosen(roster, tags, say)
-    for robot in robots:
-        if not robot.host:
-            raise roster.error(robot, 'no host for this robot: add host = "root@ADDRESS"')
-    return [board_of(robot) for robot in robots]
+    reached = [robot for robot in robots if robot.host]
+    if tags is not None or not reached:
+        for robot in robots:
+            check_host(roster, robot)
+    if left := [str(robot.tag) for robot in robots if not robot.host]:
+        say(f"without a host in {roster.path}, and left out: {', '.join(left)}")
+    return [board_of(robot) for robot in reached]
+
+
+def check_host(roster: Roster, robot: RosterRobot) -> None:
+    """Raises UsageError where the roster does not say how a robot is reached."""
+    if not robot.host:
+        raise roster.error(robot, 'no host for this robot: add host = "root@ADDRESS"')

@@ -321,15 +321,18 @@ def _binaries(
     loaded = load(options.experiment, code=code, casting=casting)
     experiment = first_robots(loaded, options.robots)
     parts = {robot.tag: robot.controller for robot in experiment.robots}
+    for robot in roster.robots if options.tags is None else ():
+        if robot.tag in parts:  # a run would lack it
+            _rosters.check_host(roster, robot)
     alike = set(parts.values())
     driven, idle = {}, []
-    for robot in robots:
-        tag = int(robot.settings["tag"])
+    for board in robots:
+        tag = int(board.settings["tag"])
         controller = parts.get(tag, *alike) if len(alike) == 1 else parts.get(tag)
         if controller is None:
             idle.append(tag)
         else:
-            driven[robot.destination] = controller
+            driven[board.destination] = controller
     if idle:
         _say_idle(experiment, idle, driven)
     built = build_programs(experiment, set(driven.values()), options.target, output)

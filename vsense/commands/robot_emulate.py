@@ -81,7 +81,7 @@ def run(options: argparse.Namespace) -> int:
     loaded = load(options.experiment, stage=Stage.LAB, code=code, casting=casting)
     experiment = first_robots(loaded, options.robots)
     radios = _hardware.radios_of(options, experiment)
-    trust = _experiments.trust_of(options)
+    keys = None if options.insecure else _experiments.trust_of(options).keys
     seed = choose_seed(options.seed, experiment)
     experiment = settle(experiment, seed)
     host, robots_port = address = LinkOptions(options.host, options.port).address(experiment)
@@ -99,14 +99,16 @@ def run(options: argparse.Namespace) -> int:
             f"{experiment.name}: {len(experiment.robots)} emulated robots, seed {seed}; logs in"
             f" {directory}"
         )
-        setting = (options.base, options.firmware_watchdog, address, trust.keys)
+        setting = (options.base, options.firmware_watchdog, address, keys)
         more = tracker, console.say, radios
         with closing(Rehearsal(experiment, directory, seed, *setting, *more)) as rehearsal:
             console.say(f"they connect to {host}, port {address[1]}; their tracker to port {port}")
             command = _command(options, address[1], port)
             console.say(f"without cameras, in another terminal: {command}")
-            rehearsal.run(interrupted, console.progress)
-        console.end_progress()
+            try:
+                rehearsal.run(interrupted, console.progress)
+            finally:
+                console.end_progress()
     return interrupted.code
 
 

@@ -28,7 +28,7 @@ from pathlib import Path
 from vsense.base.errors import UsageError, pip_line
 from vsense.base.processes import python_module
 from vsense.robots._cache import with_parts
-from vsense.robots.build import cache_directory, source_tree
+from vsense.robots.build import cache_directory, on_robots, source_tree
 from vsense.robots.compiling import BuildError, Toolchain, native
 from vsense.robots.sources import ProgramSources
 
@@ -171,7 +171,7 @@ def build(controller: str | ProgramSources, target: str, output: Path) -> Built:
         BuildError: a source that does not compile, or it cannot be written.
     """
     tree = source_tree()
-    program = tree.program(controller)
+    program = on_robots(tree.program(controller))
     board = TARGETS[target]
     compiler = toolchain(board, cache_directory())
     sources = tree.daemon(program, plain=True)

@@ -69,7 +69,7 @@ def told_programs(experiment: Experiment) -> dict[str, ToldProgram]:
 
 
 def _told_program(controller: ControllerSpec) -> ToldProgram:
-    program = controller.program
+    program = build.on_robots(controller.program)
     texts = (path.read_text(errors="replace") for path in program.sources if path.is_file())
     names = [match[1] for match in map(_NAME.search, texts) if match]
     if program.is_argos:

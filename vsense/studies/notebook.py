@@ -35,12 +35,12 @@ from vsense.config.specs import Experiment, Stage
 from vsense.modes.options import ExperimentOptions
 from vsense.modes.sim import experiment as single
 from vsense.modes.sim.job import SimOptions, Sweep, setup_of
-from vsense.modes.sim.stepping import Reward
 from vsense.run.directory import LOGGED, SUMMARY, TRAJECTORY
 from vsense.run.runs_csv import RunRow, read_runs
 from vsense.studies.report import FORMATS
 
 if TYPE_CHECKING:
+    from vsense.modes.sim.stepping import Reward
     from vsense.studies._parallel import SwarmEnvironment
 
 Setting = str | float

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from vsense.base.arena import SIGHTING
-from vsense.modes.lab import _metrics
+from vsense.modes.lab import _metrics, _report
 from vsense.modes.lab._metrics import SwarmTruth
 from vsense.modes.lab._microcontrollers import ACTUATION
 from vsense.modes.lab._swarm import TRACE
@@ -250,3 +250,16 @@ def test_nothing_seen_is_no_figure() -> None:
 def test_a_link_that_failed_before_it_was_asked_has_its_row() -> None:
     """A lab reports what it has, and then the failure."""
     assert link_row(no_link())[1].startswith("0 of 0 datagrams received")
+
+
+def test_a_table_without_readings_says_so_in_words() -> None:
+    summary = {
+        **_metrics.figures(make_run()),
+        "timesteps": 9, "late_timesteps": 0, "left_out_timesteps": 0,
+        "unlogged_timesteps": 0, "pace": 1.0, "calibration": None, "robots": 2, "measures": {},
+        "vision": dict.fromkeys(("left_out", "old_pictures", "overflows", "camera_events"), 0),
+        "clock": {"age_error_ms_p99": None}, "why": "", "note": "",
+    }  # fmt: skip
+    text = _report.table(summary)
+    assert "None" not in text and "no reading came" in text
+    assert "canary" not in text and "a timer of 10 ms, late by" in text

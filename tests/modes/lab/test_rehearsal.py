@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
+from vsense.base.shared import LabError
 from vsense.commands import _arguments
 from vsense.modes.lab import rehearsal
 from vsense.modes.lab.rehearsal import LineWriter
@@ -74,10 +75,23 @@ def test_what_the_host_says_of_a_line_is_passed_on(host: socket.socket, told: li
     writer.write(b"line\n")
     taken, _ = host.accept()
     with taken:
-        taken.sendall(b"error: line 1: is no JSON \x1b[2J\n")
+        taken.sendall(b'{"line": 1, "error": "is no JSON \x1b[2J"}\n')
         write_until(writer, lambda: len(told) > 1)
     writer.close()
-    assert told[1] == r"the run says of the tracker: error: line 1: is no JSON \x1b[2J"
+    assert told[1] == r'the run says of the tracker: {"line": 1, "error": "is no JSON \x1b[2J"}'
+
+
+def test_what_is_no_run_is_told_in_one_sentence(host: socket.socket, told: list[str]) -> None:
+    port = host.getsockname()[1]
+    writer = LineWriter("127.0.0.1", port, told.append)
+    writer.write(b"line\n")
+    taken, _ = host.accept()
+    words = rf"^127\.0\.0\.1, port {port}: what listens there is no .*'HTTP/1\.1 400 Bad"
+    with taken, pytest.raises(LabError, match=words):
+        taken.sendall(b"HTTP/1.1 400 Bad Request\r\n\r\n<html>\n")
+        write_until(writer, lambda: False)
+    writer.close()
+    assert len(told) == 1
 
 
 def test_a_host_that_does_not_read_is_left(host: socket.socket, told: list[str]) -> None:
@@ -101,7 +115,9 @@ def test_where_a_tracker_is(text: str, where: tuple[str, int]) -> None:
     assert _arguments.tracker(text) == where
 
 
-@pytest.mark.parametrize("text", ["", "line", "4040", ":4040", "lab-pc:", "lab-pc:http", "a:70000"])
+@pytest.mark.parametrize(
+    "text", ["", "line", "4040", ":4040", "lab-pc:", "lab-pc:http", "a:70000", "lines:h:1"]
+)
 def test_what_says_no_tracker(text: str) -> None:
     with pytest.raises(argparse.ArgumentTypeError, match="expected"):
         _arguments.tracker(text)

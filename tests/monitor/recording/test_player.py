@@ -104,7 +104,8 @@ def test_a_seek_tells_what_was_current_there(replay: Replay) -> None:
     assert told["/experiment"] == {"mode": "replay", "name": "x"}
     assert told["/run"]["state"] == "running" and told["/run"]["can"][0] == "play"
     assert told["/run"]["replay"] == {
-        "position_s": 4.0, "duration_s": 10.0, "speed": 1.0, "playing": False, "pictures": True,
+        "position_s": 4.0, "begin_s": 0.0, "duration_s": 10.0, "speed": 1.0, "playing": False,
+        "pictures": True,
     }  # fmt: skip
     assert "/event" not in told and "/gap" not in told
     replay.order(OrderKind.PLAY, 1)
@@ -231,6 +232,7 @@ def test_it_begins_in_the_run_when_its_robots_are_known_and_with_its_verdict(
     run = seen["/run"].data
     assert (run["state"], run["why"]) == ("running", why)
     assert not run["replay"]["playing"]
+    assert run["replay"]["begin_s"] == run["replay"]["position_s"] == pytest.approx(3.15, abs=1e-3)
 
 
 def test_the_measures_of_each_run_are_there_from_its_beginning(tmp_path: Path) -> None:

@@ -17,9 +17,10 @@ import pytest
 from tests.monitor.recording.conftest import BEGIN_NS, record
 from tests.monitor.recording.recorded_world import CAMERAS, TIMESTEPS, frames, messages
 from vsense import cli
+from vsense.base.canvas import Canvas
 from vsense.base.message_bus import Message
-from vsense.monitor.recording import form
-from vsense.monitor.recording._film import Panel, arrange, clock_text
+from vsense.monitor.recording import _film, form
+from vsense.monitor.recording._film import HEAD_PX, Panel, arrange, clock_text
 from vsense.monitor.recording._scenes import RecordedScenes
 from vsense.monitor.recording._video import Video, VideoPlan
 from vsense.monitor.recording._video_file import open_video
@@ -86,6 +87,30 @@ def test_each_view_has_its_panels_and_the_measures(file: Path, blank: Path) -> N
     # Without a view: both where there are pictures, else the arena.
     assert np.array_equal(images(file, **when)[-1], both)
     assert np.array_equal(images(blank, **when)[-1], arena)
+
+
+def test_an_invalid_run_is_called_so_over_its_pictures(file: Path, tmp_path: Path) -> None:
+    when = {"view": "arena", "from_s": 1.0, "to_s": 1.1}
+    (end,) = [m for m in messages() if m.topic == "/run"][-1:]
+    facts = {"verdict": "void", "why": "robot 1 never came"}
+    judged = Message("/run", end.time_ns + 1, {**end.data, **facts})
+    void = record(tmp_path / "void.mcap", [*messages(), judged])
+    plain, marked = (images(path, **when)[0] for path in (file, void))
+    (rows, columns) = np.nonzero((plain != marked).any(axis=-1))
+    assert len(rows) > 100 and rows.max() < HEAD_PX and abs(columns.mean() - SIZE[0] / 2) < 30
+
+
+def test_charts_have_a_scale_and_no_line_is_red() -> None:
+    canvas = Canvas(*SIZE, 1)
+    canvas.image[:] = 255
+    box = Panel(0, 0, 600, 120)
+    colour = _film._OWN_LINES["lit_in_cone"]
+    _film._measure(canvas, box, "lit_in_cone", [0.0, 60.0], [0.0, 8.0], colour)
+    blue, green, red = (canvas.image[..., n].astype(int) for n in range(3))
+    assert not ((red - blue > 60) & (red - green > 60)).any(), "red is danger"
+    ink = (canvas.image.max(axis=-1) < 200) & (abs(red - blue) < 30)
+    assert ink[30:50, 585:599].any() and ink[85:99, 585:599].any(), "8 above, 0 below"
+    assert ink[100:116, 80:110].any() and ink[100:116, 560:599].any(), "0 s and 60 s"
 
 
 def test_scenes_say_what_was_there(file: Path) -> None:

@@ -86,6 +86,20 @@ def test_pictures_are_as_large_as_their_worth(served: Serve, opened: Open) -> No
     assert top + height <= box(page, "main")[1]
 
 
+def test_an_arena_that_is_changed_stays_large_on_a_small_screen(
+    served: Serve, opened: Open
+) -> None:
+    _, _, url = served(running())
+    page = opened(url)
+    page.size(1366, 768)
+    page.until("innerWidth === 1366 && vsense.store.robots && vsense.edit.able")
+    _, _, width, height = box(page, "#arena")
+    page.key("e")
+    page.until("document.querySelector('#edit_save').offsetParent")
+    _, _, then_width, then_height = box(page, "#arena")
+    assert then_width >= width - 1 and then_height >= 0.9 * height
+
+
 def test_a_toast_of_a_phone_covers_neither_the_top_line_nor_the_emergency_stop(
     served: Serve, opened: Open
 ) -> None:
@@ -96,6 +110,9 @@ def test_a_toast_of_a_phone_covers_neither_the_top_line_nor_the_emergency_stop(
     page.value("vsense.controls.notify('cannot start: the run is running', false)")
     left, top, width, height = box(page, ".toast")
     assert left >= 0 and left + width <= 390
+    assert (
+        page.value("getComputedStyle(document.querySelector('#emergency kbd')).display") == "none"
+    )
     assert top > 300 and top + height <= box(page, "#emergency")[1]
 
 

@@ -154,6 +154,10 @@ def test_the_run_is_told_when_it_changes_and_once_per_second() -> None:
     room.now_ns += 3 * S
     room.publisher.update(None, room.robots_now)
     assert room.of("/run")[-1]["silent_s"] == pytest.approx(3.1)
+    room.step()
+    room.now_ns += 2 * S  # robots are stopped meanwhile, and nobody looks at the arena
+    room.publisher.judge({"verdict": "void", "why": "emergency"})
+    assert room.of("/run")[-1]["silent_s"] == 0.0
 
 
 SHOWN = (("state", "go"), ("n", 0.5), ("bad", float("nan")))

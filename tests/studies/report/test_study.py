@@ -245,7 +245,7 @@ def test_the_page_says_all_of_a_study(page: tuple[Path, dict[str, Any]]) -> None
     text = (folder / "report.html").read_text()
     read = Reader(text)
     assert read.headings == [
-        "18 runs compared", "foraging, lab: sighted against blind against <noise>",
+        "17 runs compared, 1 invalid", "foraging, lab: sighted against blind against <noise>",
         "Run-to-run spread", "Comparisons", "For the methods of a paper",
     ]  # fmt: skip
     assert "n: sighted 6 (invalid: 0), blind 5 (invalid: 1), &lt;noise&gt; 6 (invalid: 0)" in text
@@ -254,6 +254,16 @@ def test_the_page_says_all_of_a_study(page: tuple[Path, dict[str, Any]]) -> None
     assert "SciPy" in text and "seed 1" in text
     drawn = (folder / "runs-01-items_home.svg").read_text()
     assert ">sighted</text>" in drawn and ">(n = 5)</text>" in drawn
+
+
+def test_a_study_without_a_valid_run_says_so(tmp_path: Path) -> None:
+    rows = [replace(row, verdict="void", why="fell over") for row in plan("a", "b")]
+    make_report([written(tmp_path / "runs.csv", rows)], tmp_path / "out", form="svg")
+    text = (tmp_path / "out" / "report.html").read_text()
+    read = Reader(text)
+    assert read.headings[0] == "12 runs, none is valid"
+    assert not {"Run-to-run spread", "Comparisons"} & set(read.headings)
+    assert "a has no valid run" in text and "Invalid runs" in text and "Void" not in text
 
 
 def test_the_numbers_are_those_of_the_page(page: tuple[Path, dict[str, Any]]) -> None:

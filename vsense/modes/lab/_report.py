@@ -25,6 +25,7 @@ from vsense.modes.lab.truth import read_truth
 from vsense.monitor.pictures import run_figure
 from vsense.robots.link.status import RING_LEDS
 from vsense.run.figures import StepTimes, late_text, link_row, number, percent
+from vsense.run.remote import COMMAND
 from vsense.run.verdict import judged, table_rows
 
 JUDGED = "pollutant"
@@ -92,7 +93,11 @@ def _wanted(recording: RunNotes, experiment: Experiment, steps: NDArray[np.void]
 
 
 def _sensors_of(experiment: Experiment, robot: RobotSpec) -> list[str]:
-    return [mounted.sensor.name for mounted in experiment.controller_of(robot).sensors]
+    """What the robot's daemon is sent."""
+    controller = experiment.controller_of(robot)
+    if controller.program.is_python:
+        return [COMMAND]
+    return [mounted.sensor.name for mounted in controller.sensors]
 
 
 def _timesteps(times: NDArray[np.int64], truth: NDArray[np.void]) -> NDArray[np.void]:
@@ -178,6 +183,16 @@ def _calibration_rows(figures: dict[str, Any] | None) -> list[tuple[str, str]]:
     return [("known", text)]
 
 
+_LATENCIES = {"canary": "a timer of 10 ms, late by"}
+"""What rows of the table say in place of keys."""
+
+
+def _age_words(error_ms: float | None) -> str:
+    if error_ms is None:
+        return "no reading came: how wrong its age is is not known"
+    return f"age wrong by {error_ms} ms (99th percentile)"
+
+
 def table(summary: dict[str, Any]) -> str:
     """The summary as text."""
     tracking, sensing = summary["tracking"], summary["sensing"]
@@ -199,7 +214,7 @@ def table(summary: dict[str, Any]) -> str:
             "cameras",
             f"{vision['left_out']} timesteps left out, {vision['old_pictures']} old pictures"
             f" dropped, {vision['overflows']} with too many markers,"
-            f" {vision['camera_events']} messages of cameras",
+            f" {vision['camera_events']} warnings of cameras",
         ),
         (
             "sensing",
@@ -209,11 +224,11 @@ def table(summary: dict[str, Any]) -> str:
         *_metrics.swarm_rows(summary.get("swarm"), summary["robots"]),
         *measure_rows(summary["measures"]),
         link_row(summary["link"]),
-        ("clocks", f"age wrong by {summary['clock']['age_error_ms_p99']} ms (99th percentile)"),
+        ("clocks", _age_words(summary["clock"]["age_error_ms_p99"])),
     ]
     lines = [f"{name:<10}{text}" for name, text in rows]
     lines.append(f"{'latency':<10}{'from capture, in ms':<22}{'p50':>8}{'p99':>8}{'max':>8}")
     for name, spread in latency.items():
         figures = "".join(f"{number(spread[key]):>8}" for key in ("p50", "p99", "max"))
-        lines.append(f"{'':<10}{name.replace('_', ' '):<22}{figures}")
+        lines.append(f"{'':<10}{_LATENCIES.get(name, name.replace('_', ' ')):<22}{figures}")
     return "\n".join(lines)

@@ -15,6 +15,7 @@ from pathlib import Path
 from threading import Event
 
 from vsense.base.clock import host_ns
+from vsense.base.shared import LabError
 from vsense.base.terminal import printable
 from vsense.config.specs import Experiment
 from vsense.modes.lab._physics_process import PhysicsHandle
@@ -27,6 +28,8 @@ TRACKER_CONNECT_TIMEOUT_S = 0.1
 """The longest that a timestep waits for the run's host."""
 TRACKER_RETRY_NS = 1_000_000_000
 ANSWER_MAX = 4096
+_SHOWN = 40
+"""Letters of what is no answer."""
 
 
 class LineWriter:
@@ -45,7 +48,10 @@ class LineWriter:
         return self._socket is not None
 
     def write(self, line: bytes) -> None:
-        """Sends a line if somebody takes it; one that cannot leave at once ends the connection."""
+        """Sends a line if somebody takes it; one that cannot leave at once ends the connection.
+
+        LabError: what listens there is no run.
+        """
         if self._socket is None:
             self._connect()
         if self._socket is None:
@@ -82,9 +88,13 @@ class LineWriter:
                 raise ConnectionError("it has closed the connection")
             *lines, self._rest = (self._rest + heard).split(b"\n")
             for line in lines:
-                self._say(
-                    f"the run says of the tracker: {printable(line.decode(errors='replace'))}"
-                )
+                text = printable(line.decode(errors="replace"))
+                if not text.startswith("{"):  # every answer of a run is an object of JSON
+                    raise LabError(
+                        f"{self._address[0]}, port {self._address[1]}: what listens there is no"
+                        f" 'vsense run --tracker lines', it says {text[:_SHOWN]!r}: --tracker-port"
+                    )
+                self._say(f"the run says of the tracker: {text}")
 
     def _lose(self, reason: str) -> None:
         self.close()
@@ -139,7 +149,7 @@ class Rehearsal:
         """Writes where everybody is, every timestep, until it is interrupted.
 
         Raises:
-            LabError: the physics has failed.
+            LabError: the physics has failed; or as of `LineWriter.write`.
         """
         began_ns = host_ns()
         timestep, alive = 0, self.robots

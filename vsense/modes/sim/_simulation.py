@@ -329,8 +329,8 @@ class Simulation:
             self.record.note_shown(run_timestep, tag, values)
         for tag, text in self._robots.logged():
             self.record.note_event(run_timestep, f"robot {tag}: {text}")
-        for tag, text in self.environment.logged():
-            self.record.note_event(run_timestep, f"virtual robot {tag}: {text}")
+        for robot, text in self.environment.logged():
+            self.record.note_event(run_timestep, f"{robot}: {text}")
 
     def _obey(self, time_ns: int, reports: dict[int, bytes]) -> Callable[[], None]:
         """Makes the event in which wheels and LEDs follow the controllers."""

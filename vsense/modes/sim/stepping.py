@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from vsense.base.errors import UsageError
 from vsense.config.specs import Experiment
 from vsense.modes.sim._simulation import Simulation
-from vsense.monitor.pictures.run_figure import draw_arena
 from vsense.robots.hosted import HostedProgram, build_host
 from vsense.robots.python_swarm import Leds, Swarm
 from vsense.run.programs import shared_objects
@@ -94,6 +93,8 @@ class SteppedSimulation:
 
     def picture(self, width_px: int = PICTURE_PX) -> NDArray[np.uint8]:
         """(h, w, 3) RGB: the arena from above, now."""
+        from vsense.monitor.pictures.run_figure import draw_arena  # with OpenCV
+
         run = self._run
         lit = (run.leds & Leds.RING) != 0
         image = draw_arena(self.experiment, run.environment.world, self.poses, lit, width_px)

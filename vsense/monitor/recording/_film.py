@@ -14,7 +14,7 @@ from vsense.base.canvas import INK, MUTED, Canvas, Colour, Image, width_of
 from vsense.base.terminal import spoken
 from vsense.monitor.pictures import _arena_view
 from vsense.monitor.pictures._camera_view import CameraPanels, shape_of
-from vsense.monitor.pictures._scene import CONE, DARK, LIT
+from vsense.monitor.pictures._scene import CONE, DARK
 from vsense.monitor.recording import IN_CONE, LIT_IN_CONE
 from vsense.monitor.recording._scenes import RecordedScenes
 from vsense.vision.cameras.camera import Camera
@@ -25,9 +25,12 @@ _PAPER: Colour = (242, 239, 236)
 _CARD: Colour = (255, 255, 255)
 _LINE: Colour = (231, 226, 221)
 _RED: Colour = (46, 38, 196)
-_LINES: tuple[Colour, ...] = (DARK, (60, 140, 60), (150, 60, 140), (0, 91, 154))
-_OWN_LINES = {IN_CONE: CONE, LIT_IN_CONE: LIT}
+_LINES: tuple[Colour, ...] = (DARK, (60, 140, 60), (150, 60, 140), (90, 90, 90))
+_OWN_LINES = {IN_CONE: CONE, LIT_IN_CONE: DARK}
 _MOST_MEASURES = 4
+_INVALID = "this run is invalid"
+_SCALE = 0.35
+"""Size of an axis' numbers."""
 OLD_S = 0.5
 """An older picture is said to be old, over it."""
 
@@ -88,6 +91,7 @@ class Film:
         cameras: that are shown, in any order.
         size: width and height of a frame [px].
         measures: whether there are any.
+        invalid: the run is: that stands over its pictures.
 
     Attributes:
         old_pictures: in how many frames a camera's picture was old, by its name.
@@ -100,7 +104,9 @@ class Film:
         cameras: Sequence[Camera],
         size: tuple[int, int],
         measures: bool,
+        invalid: bool = False,
     ) -> None:
+        self._invalid = invalid
         self._scenes, self._cameras, self._size = scenes, cameras, size
         self.old_pictures = Counter[str]()
         size_m = scenes.arena.size_m
@@ -134,6 +140,9 @@ class Film:
             left = PAD_PX + width_of(scenes.name, 0.9, 1) + 24
             colour = _RED if scenes.state == "emergency" else MUTED
             canvas.text(scenes.state, left, 36, colour, 0.6)
+        if self._invalid:
+            middle = (self._size[0] - width_of(_INVALID, 0.6, 1)) / 2
+            canvas.text(_INVALID, middle, 36, INK, 0.6)
         clock = "-:--.-" if scenes.time_s is None else clock_text(scenes.time_s)
         canvas.text(clock, self._size[0] - PAD_PX - width_of(clock, 0.9, 1), 36, INK, 0.9)
 
@@ -209,9 +218,14 @@ def _measure(
     cv2.rectangle(canvas.image, low, high, _LINE, 1)
     canvas.text(spoken(name), box.x + 12, box.y + 22, MUTED, 0.45)
     canvas.text(f"{values[-1]:.4g}", box.x + 12, box.y + 50, INK, 0.8)
-    left, right = box.x + 92, box.x + box.width - 14
-    top, bottom = box.y + 34, box.y + box.height - 12
     least, most = min(0.0, *values, 0.0), max(*values, 1e-9, 1e-9)
+    left, top, bottom = box.x + 92, box.y + 34, box.y + box.height - 24
+    right = box.x + box.width - 14
+    for text, at_px in ((f"{most:.3g}", top + 8), (f"{least:.3g}", bottom)):
+        canvas.text(text, box.x + box.width - 8 - width_of(text, _SCALE, 1), at_px, MUTED, _SCALE)
+        right = min(right, box.x + box.width - 14 - round(width_of(text, _SCALE, 1)))
+    for text, at_px in ((f"{times[0]:.0f} s", left), (f"{times[-1]:.0f} s", right)):
+        canvas.text(text, at_px - width_of(text, _SCALE, 1) / 2, bottom + 15, MUTED, _SCALE)
     span_s = max(times[-1] - times[0], 1e-9)
     # No more points than there are pixels across.
     step = max(len(times) // max(right - left, 1), 1)

@@ -62,7 +62,7 @@ class Player:
         self._next: Message | None = None
         self._current: dict[str, Message] = {}
         self._joined = bus.joined
-        self._published_ns = self._reached_ns = 0
+        self._published_ns = self._reached_ns = self._begin_ns = 0
         self._shown_ns: dict[str, int] = {}
         self._threads: list[threading.Thread] = []
         self._histories: dict[int, Data] = {}
@@ -70,7 +70,7 @@ class Player:
 
     def start(self) -> None:
         """Goes on in its own thread, until `close`; shows the first arena state until PLAY."""
-        self._from_ns = self._first_ns() + AFTER_NS
+        self._from_ns = self._begin_ns = self._first_ns() + AFTER_NS
         for work in (self._run, self._measure):
             self._threads.append(threading.Thread(target=work, name="replay", daemon=True))
             self._threads[-1].start()
@@ -176,7 +176,7 @@ class Player:
     def _play(self, on: bool) -> str:
         position_ns = self._position_ns()
         if on and not self._playing and position_ns >= self._duration_ns:
-            position_ns, self._seeking = 0, True
+            position_ns, self._seeking = self._begin_ns, True
         self._anchor(position_ns)
         self._playing = on
         return f"plays from {position_ns / 1e9:.1f} s" if on else "paused"
@@ -298,6 +298,7 @@ class Player:
         with self._orders:
             replay: dict[str, Any] = {
                 "position_s": self._position_ns() / 1e9,
+                "begin_s": self._begin_ns / 1e9,
                 "duration_s": self._duration_ns / 1e9,
                 "speed": self._speed,
                 "playing": self._playing,

@@ -104,7 +104,11 @@ class Video:
 
     def images(self, stopped: Callable[[], bool] = lambda: False) -> Iterator[Any]:
         """All frames, one after the other, (h, w, 3) BGR; no more of them once it is stopped."""
-        film = Film(self._scenes, self._arena, self._cameras, self._plan.size, self._measured())
+        where, invalid = (
+            (self._arena, self._cameras, self._plan.size),
+            bool(self._recording.run.why),
+        )
+        film = Film(self._scenes, *where, self._measured(), invalid)
         self.old_pictures = film.old_pictures
         news = _Ahead(self._recording.messages(set(self._scenes.topics)), lambda m: m.time_ns)
         # Measures are drawn from the beginning on, pictures are wanted from now on.

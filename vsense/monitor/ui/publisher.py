@@ -134,7 +134,7 @@ class Publisher:
         self._state: ArenaState | None = None
         self._rates = Rates(RATE_TIMESTEPS)
         self._published: dict[str, object] = {}
-        self._due_ns = self._fields_due_ns = self._late = 0
+        self._due_ns = self._fields_due_ns = self._late = self._looked_ns = 0
         self._run_timestep = self._joined = -1
         self._verdict: str | None = None
         self._why = ""
@@ -150,7 +150,7 @@ class Publisher:
 
     def update(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
         """Publishes what is new: `step` is None where no arena state came for a while."""
-        now_ns = self._clock()
+        now_ns = self._looked_ns = self._clock()
         newcomers, self._joined = self._bus.joined != self._joined, self._bus.joined
         if newcomers:
             self._published.clear()
@@ -263,9 +263,8 @@ class Publisher:
         return round(self._run_timestep * self.environment.experiment.timestep_s, 3)
 
     def run_data(self) -> Data:
-        """Gives /run."""
+        """Gives /run; while nobody looks, as when robots stop, nothing is unseen for longer."""
         control, experiment = self._control, self.environment.experiment
-        now_ns = self._clock()
         newest_ns = None if self._state is None else self._state.capture_ns
         return RunMessage(
             state=control.state.value,
@@ -276,7 +275,7 @@ class Publisher:
             time_s=round(max(self._run_timestep, 0) * experiment.timestep_s, 3),
             length_s=experiment.length_s or None,
             late=self._late,
-            silent_s=None if newest_ns is None else silence_s(now_ns - newest_ns),
+            silent_s=None if newest_ns is None else silence_s(self._looked_ns - newest_ns),
             **self._rates.data(),
             **self._room_data(),
             verdict=self._verdict,

@@ -43,10 +43,10 @@ class Studied:
     notes: Sequence[str] = ()
 
     @property
-    def count(self) -> int:
-        """How many runs there are, void ones, too."""
+    def counts(self) -> tuple[int, int]:
+        """How many runs are valid, and how many are not."""
         arms = [arm for result, _ in self.studies for arm in result.study.arms]
-        return sum(len(arm.runs) + len(arm.voids) for arm in arms)
+        return sum(len(arm.runs) for arm in arms), sum(len(arm.voids) for arm in arms)
 
 
 def page(
@@ -61,10 +61,11 @@ def page(
     """
     counter = Counter()
     many = bool(comparisons) or studied is not None
-    count = sum(group.count for comparison in comparisons for group in comparison.groups)
+    voids, count = 0, sum(group.count for comparison in comparisons for group in comparison.groups)
     if studied is not None and not comparisons:
-        count = studied.count + len(chapters)
-    name = _counted(count) if many else chapters[0].findings.label
+        valid, voids = studied.counts
+        count = valid + len(chapters)
+    name = _counted(count, voids) if many else chapters[0].findings.label
     parts = [note(f"{text[0].upper()}{text[1:]}.", "warning") for text in missing]
     if many:
         parts.append(_contents(chapters, comparisons, studied))
@@ -83,8 +84,11 @@ def page(
     return document(name, lead, "".join(parts), "report")
 
 
-def _counted(count: int) -> str:
-    return f"{count} {'run' if count == 1 else 'runs'} compared"
+def _counted(count: int, voids: int) -> str:
+    if not count:
+        return f"{voids} {'run' if voids == 1 else 'runs'}, none is valid"
+    words = f"{count} {'run' if count == 1 else 'runs'} compared"
+    return f"{words}, {voids} invalid" if voids else words
 
 
 def _studied(studied: Studied, counter: Counter) -> Iterator[str]:

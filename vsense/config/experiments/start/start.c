@@ -14,7 +14,7 @@ struct wanderer {
     struct vs_walk walk;
 };
 
-/* A stale value is no news: whoever rests goes on resting. */
+/* A stale value is no news: a robot that rests goes on. */
 static int on_green(const struct wanderer *s, const struct vs_robot *robot)
 {
     double color[4]; /* red, green, blue, alpha: 0 to 255 */

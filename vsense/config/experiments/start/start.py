@@ -1,4 +1,4 @@
-"""Loop functions of start.argos: count who is on the spot.
+"""Loop functions of start.argos: count the robots on the spot.
 
 Measures:
     robots_on_spot       now, in every timestep

@@ -66,7 +66,9 @@ function ofRun({ run, experiment, runHeard }) {
   }
   // An emergency has a banner of its own, which says what to do.
   if (run?.why && run.state !== "emergency") rows.push(trouble(`Run ${run.run} is invalid`, run.why));
-  if (run && run.silent_s !== null && run.silent_s >= SILENT_S) {
+  // Where a recording ends nobody looked any more.
+  const looked = run && (!run.replay || run.state === "running");
+  if (looked && run.silent_s !== null && run.silent_s >= SILENT_S) {
     rows.push(trouble(`Nothing seen for ${run.silent_s.toFixed(0)} s`, "no camera gives an arena state"));
   }
   return rows;

@@ -198,7 +198,7 @@ class Cell {
     let words = "";
     // A fast replay shows fewer of the pictures.
     if (age_s > OLD_S * Math.max(1, store.run?.replay?.speed ?? 1)) words = `the picture is ${age_s.toFixed(1)} s old`;
-    if (age_s < -OLD_S) words = `the picture is ${(-age_s).toFixed(1)} s younger`;
+    if (age_s < -OLD_S) words = `the picture is of ${(-age_s).toFixed(1)} s later`;
     if (!this.bitmap) words = store.run?.replay ? "no picture is recorded here" : "no picture yet";
     mark(this.canvas, "old", Boolean(words));
     if (bad) words = `${stateWords(state.state)}${state.text ? `: ${state.text}` : ""}`;

@@ -12,24 +12,24 @@ const TEXT_INPUTS = "input, select, textarea, [contenteditable]";
 /** Binds the keys.
  * @param {Actions} actions */
 export function bindKeys(actions) {
-  // key, how it is shown, what it does in words, and in deed
+  // key, how it is shown, what it does in words, and in deed; two stand in a row of the help
   /** @type {[string, string, string, () => unknown][]} */
   const table = [
     ["Escape", "Esc", "emergency stop; in a simulation pause", actions.emergency],
     [" ", "Space", "start, pause, resume; in a replay play, pause", actions.space],
-    ["n", "N", "in a simulation: one timestep", actions.step],
     ["S", "⇧ S", "stop the run", actions.stop],
     ["R", "⇧ R", "reset: the next run waits for its start", actions.reset],
+    ["n", "N", "in a simulation: one timestep", actions.step],
     ["C", "⇧ C", "recording on, off", actions.record],
-    ["f", "F", "live pictures on, off", actions.refresh],
-    ["e", "E", "change the world: drag things, set numbers", actions.edit],
-    ["v", "V", "virtual world over the cameras' pictures on, off", actions.overlay],
-    ["1", "1", "arena and cameras", () => actions.view("both")],
-    ["2", "2", "arena only", () => actions.view("arena")],
-    ["3", "3", "cameras only", () => actions.view("cameras")],
     ["j", "J", "next robot", () => actions.select(1)],
     ["k", "K", "previous robot", () => actions.select(-1)],
     ["x", "X", "no robot", actions.none],
+    ["e", "E", "change the world: drag things, set numbers", actions.edit],
+    ["1", "1", "arena and cameras", () => actions.view("both")],
+    ["2", "2", "arena only", () => actions.view("arena")],
+    ["3", "3", "cameras only", () => actions.view("cameras")],
+    ["v", "V", "virtual world over the cameras' pictures on, off", actions.overlay],
+    ["f", "F", "live pictures on, off", actions.refresh],
     ["t", "T", "light, dark", actions.theme],
     ["?", "?", "this help", actions.help],
   ];

@@ -49,6 +49,7 @@ export class Replay {
     const replay = this.store.run?.replay;
     if (!replay) return;
     if (Number(this.slider.max) !== replay.duration_s) this.slider.max = String(replay.duration_s);
+    this.slider.min = String(replay.begin_s ?? 0);
     if (!this.held && performance.now() - this.sought > 4 * SEEK_EVERY_MS) {
       const at = this.#position(replay);
       this.slider.value = String(at);

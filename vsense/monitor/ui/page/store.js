@@ -176,8 +176,8 @@ export class Store extends RunNews {
     // Older recordings and other programs do not say when in the run it was.
     const fresh = this.experiment?.mode === "replay" || Date.now() - this.wall(timeNs) < OLD_MS;
     const heard = this.run && fresh && this.now.timestep >= 0 ? this.now.time_s : null;
-    this.events.push({ timeNs, run_s: data.time_s === undefined ? heard : data.time_s, ...data });
-    if (this.events.length > MOST_EVENTS) this.events.shift();
+    const run_s = data.time_s ?? (data.time_s === null && this.#state !== "ended" ? null : heard);
+    if (this.events.push({ timeNs, run_s, ...data }) > MOST_EVENTS) this.events.shift();
   }
 
   /** @param {ArenaMessage} data */

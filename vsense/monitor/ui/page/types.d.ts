@@ -96,7 +96,7 @@ interface RunMessage {
 }
 
 interface ReplayState {
-  position_s: number; duration_s: number; speed: number;
+  position_s: number; begin_s?: number; duration_s: number; speed: number;
   playing: boolean; pictures?: boolean;
 }
 

@@ -49,7 +49,7 @@ def caption(result: StudyResult, outcome: MeasureResult) -> str:
         f"{arm.label} {len(values)} (invalid: {len(arm.voids)})"
         for arm, values in zip(arms, outcome.values)
     ]
-    return f"{words}. n: {', '.join(counts)}. Void runs are not drawn."
+    return f"{words}. n: {', '.join(counts)}. Invalid runs are not drawn."
 
 
 MOST_VOID_RUNS = 200
@@ -70,8 +70,8 @@ def section(
             f"<p>{escape(_introduction(result))}</p>\n",
             *_warnings(result),
             counter.figures(pictures),
-            f"<h3>Run-to-run spread</h3>\n{_spreads(result, counter)}",
-            *(_comparisons(result, counter, tests) if len(study.arms) > 1 else ()),
+            f"<h3>Run-to-run spread</h3>\n{_spreads(result, counter)}" if result.measures else "",
+            *(_comparisons(result, counter, tests) if result.measures and study.arms[1:] else ()),
             _voids(result, counter),
         ]
     )
@@ -193,7 +193,7 @@ def _voids(result: StudyResult, counter: Counter) -> str:
     if len(rows) > MOST_VOID_RUNS:
         caption += f" The first {MOST_VOID_RUNS} of {len(rows)}."
     heads = ("run", "condition", "series", "why")
-    return counter.table("Void runs", caption, heads, rows[:MOST_VOID_RUNS], texts=(0, 1, 2, 3))
+    return counter.table("Invalid runs", caption, heads, rows[:MOST_VOID_RUNS], texts=(0, 1, 2, 3))
 
 
 def methods(results: Sequence[StudyResult], asked: Questions) -> str:
