@@ -56,6 +56,27 @@ static inline uint64_t vs_load_u64(const uint8_t *at)
     return (uint64_t)vs_load_u32(at + 4) << 32 | vs_load_u32(at);
 }
 
+/* Bytes where words may lie: an ARM reads them word by word. */
+union vs_words {
+    uint32_t words[14];
+    uint8_t bytes[56];
+};
+
+static inline int vs_is_aligned(const uint8_t *at)
+{
+    return ((uintptr_t)at & (sizeof(uint32_t) - 1)) == 0;
+}
+
+/* The same address, which the compiler may then believe to be a word's. */
+static inline const uint8_t *vs_aligned(const uint8_t *at)
+{
+#if defined __GNUC__
+    return __builtin_assume_aligned(at, sizeof(uint32_t));
+#else
+    return at;
+#endif
+}
+
 /* Writes into the caller's buf; after an error nothing more is written. */
 struct vs_writer {
     uint8_t *buf;

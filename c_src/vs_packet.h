@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT */
-/* vs_packet.h - how vs_body.h writes the frame of vs_wire.h. Internal to libvsense. */
+/* vs_packet.h - how vs_body.h writes the frame of vs_wire.h, and vs_peer.h reads it. Internal to
+ * libvsense. */
 #ifndef VS_PACKET_H
 #define VS_PACKET_H
 
@@ -19,5 +20,9 @@ void vs_packet_begin(struct vs_writer *w, uint8_t type, const struct vs_header *
  * VS_ERR_SPACE if larger than vs_packet_limit or than buf.
  */
 int vs_packet_end(struct vs_writer *w, size_t *len);
+
+/* As vs_packet_open, after vs_packet_session has found no fault with the frame. */
+int vs_packet_open_framed(const uint8_t *buf, size_t len, const uint8_t *key,
+                          struct vs_header *header, const uint8_t **body, size_t *body_len);
 
 #endif

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: MIT */
 #include "vs_clock.h"
+#include "vs_packet.h"
 #include "vs_peer_robot.h"
 
 #include <string.h>
@@ -195,7 +196,7 @@ static int open_packet(struct vs_peer *p, const uint8_t *buf, size_t len,
     if (err == VS_OK && (p->session == 0 || session != p->session))
         err = VS_ERR_SESSION;
     if (err == VS_OK)
-        err = vs_packet_open(buf, len, p->rx_key, header, body, body_len);
+        err = vs_packet_open_framed(buf, len, p->rx_key, header, body, body_len);
     return err == VS_OK ? VS_OK : drop(p, err);
 }
 

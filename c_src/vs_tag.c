@@ -14,12 +14,6 @@ const uint8_t vs_key_published[VS_KEY_SIZE] = {'v', 's', 'e', 'n', 's', 'e', ','
 #define BLOCK 16   /* [byte] */
 #define ROUNDS 12  /* Chaskey-12's */
 
-/* One block of a message, where words may lie. */
-union block {
-    uint32_t for_alignment;
-    uint8_t bytes[BLOCK];
-};
-
 static inline uint32_t rotate(uint32_t value, unsigned int bits)
 {
     return value << bits | value >> (32 - bits);
@@ -55,9 +49,7 @@ static inline void permute(uint32_t v[4])
 /* Mixes one block of words in. What lies at a word's address an ARM reads as words. */
 static inline void mix(uint32_t v[4], const uint8_t *block)
 {
-#if defined __GNUC__
-    block = __builtin_assume_aligned(block, sizeof(uint32_t));
-#endif
+    block = vs_aligned(block);
     v[0] ^= vs_load_u32(block);
     v[1] ^= vs_load_u32(block + 4);
     v[2] ^= vs_load_u32(block + 8);
@@ -76,43 +68,45 @@ static inline void multiply(uint32_t k[4])
     k[0] = k[0] << 1 ^ over;
 }
 
-/* The last block, maybe none or a part of one: padded, and under a key of its own. */
-static inline void end_block(union block *last, size_t len, uint32_t v[4], uint32_t k[4])
+/* The key of the last block: k once doubled if that is whole, else twice. */
+static inline void last_key(uint32_t v[4], uint32_t k[4], int is_whole)
 {
     int i;
 
     multiply(k);
-    if (len < BLOCK) {
-        last->bytes[len] = 1;
-        memset(last->bytes + len + 1, 0, BLOCK - 1 - len);
+    if (!is_whole)
         multiply(k);
-    }
     for (i = 0; i < 4; i++)
         v[i] ^= k[i];
+}
+
+/* A block that lies elsewhere than at a word's address, or ends early: then it is padded. */
+static inline const uint8_t *copied(union vs_words *own, const uint8_t *data, size_t len)
+{
+    memset(own->bytes, 0, BLOCK);
+    own->bytes[len < BLOCK ? len : 0] = 1;
+    memcpy(own->bytes, data, len < BLOCK ? len : BLOCK);
+    return own->bytes;
 }
 
 void vs_tag_make(const uint8_t key[VS_KEY_SIZE], const uint8_t *data, size_t len,
                  uint8_t tag[VS_TAG_SIZE])
 {
-    union block own; /* of what lies elsewhere than at a word's address */
+    int is_aligned = vs_is_aligned(data);
+    union vs_words own;
     uint32_t v[4] = {0};
     uint32_t k[4];
     int i;
 
-    memcpy(own.bytes, key, BLOCK);
-    mix(v, own.bytes);
-    memcpy(k, v, sizeof k);
+    mix(v, vs_is_aligned(key) ? key : copied(&own, key, BLOCK));
+    for (i = 0; i < 4; i++)
+        k[i] = v[i];
     for (;;) {
-        const uint8_t *block = data;
         int is_last = len <= BLOCK;
 
-        if (is_last || ((uintptr_t)data & (sizeof(uint32_t) - 1)) != 0) {
-            memcpy(own.bytes, data, is_last ? len : BLOCK);
-            block = own.bytes;
-        }
         if (is_last)
-            end_block(&own, len, v, k);
-        mix(v, block);
+            last_key(v, k, len == BLOCK);
+        mix(v, is_aligned && len >= BLOCK ? data : copied(&own, data, len));
         permute(v);
         if (is_last)
             break;

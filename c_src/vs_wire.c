@@ -102,19 +102,24 @@ static int is_tag(const uint8_t a[VS_TAG_SIZE], const uint8_t b[VS_TAG_SIZE])
     uint32_t differ = 0;
     int i;
 
-    for (i = 0; i < VS_TAG_SIZE; i++)
-        differ |= (uint32_t)(a[i] ^ b[i]);
+    for (i = 0; i < VS_TAG_SIZE; i += 4)
+        differ |= vs_load_u32(a + i) ^ vs_load_u32(b + i);
     return differ == 0;
 }
 
 int vs_packet_open(const uint8_t *buf, size_t len, const uint8_t *key,
                    struct vs_header *header, const uint8_t **body, size_t *body_len)
 {
-    uint8_t tag[VS_TAG_SIZE];
     int err = check_frame(buf, len);
 
-    if (err != VS_OK)
-        return err;
+    return err == VS_OK ? vs_packet_open_framed(buf, len, key, header, body, body_len) : err;
+}
+
+int vs_packet_open_framed(const uint8_t *buf, size_t len, const uint8_t *key,
+                          struct vs_header *header, const uint8_t **body, size_t *body_len)
+{
+    uint8_t tag[VS_TAG_SIZE];
+
     vs_tag_make(key_or_published(key), buf, len - VS_TAG_SIZE, tag);
     if (!is_tag(tag, buf + len - VS_TAG_SIZE))
         return VS_ERR_TAG;

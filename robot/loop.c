@@ -43,6 +43,7 @@ static void look_at_wish(struct vs_loop *loop)
 
     if (running != loop->running) {
         loop->running = running;
+        loop->holding = 0;
         memset(&loop->homing, 0, sizeof loop->homing);
         loop->begin_ns = loop->step_ns; /* an idle exchange delays no step */
         loop->hold_due = 1;
@@ -61,6 +62,23 @@ static int is_old(const struct vs_session *s, const struct vs_instant *now)
            vs_session_age_ns(s, s->newest_capture_ns, now->session_ns) > VS_SAFETY_SILENCE_NS;
 }
 
+/* Follows the host's timesteps. One that is far from where it is expected is where they are from
+ * now on; otherwise early ones count for more, so that the base is mostly read in time. */
+static void follow_host(struct vs_loop *loop, uint64_t now_ns)
+{
+    uint64_t timestep_ns = loop->session->timestep_ns;
+    uint64_t late_ns = now_ns - loop->expected_ns;
+    uint64_t early_ns = loop->expected_ns - now_ns;
+
+    if (late_ns <= timestep_ns / 8)
+        loop->expected_ns += late_ns / 8;
+    else if (early_ns <= timestep_ns / 8)
+        loop->expected_ns -= early_ns / 2;
+    else
+        loop->expected_ns = now_ns;
+    loop->expected_ns += timestep_ns;
+}
+
 static void look_at_state(struct vs_loop *loop, const struct vs_instant *now)
 {
     const struct vs_session *s = loop->session;
@@ -74,6 +92,7 @@ static void look_at_state(struct vs_loop *loop, const struct vs_instant *now)
         loop->seen_timestep = s->timestep;
         loop->seen_run = s->run;
         loop->timestep_new = 1;
+        follow_host(loop, now->base_ns);
     }
     /* The process is awake now, and need not wake up soon for this alone; a step tells, too. */
     if ((!loop->timestep_new || !loop->running) &&
@@ -201,6 +220,7 @@ void vs_loop_reply(struct vs_loop *loop, const struct vs_guard_reply *reply,
 {
     loop->waiting = 0;
     loop->base_lost = reply->lost;
+    loop->holding = loop->holding && !reply->lost;
     loop->guard_cause = reply->cause;
     loop->applied = reply->command;
     if (reply->sensed) {
@@ -211,8 +231,10 @@ void vs_loop_reply(struct vs_loop *loop, const struct vs_guard_reply *reply,
         vs_battery_look(&loop->battery, vs_base_battery_mv(&loop->robot.base),
                         vs_base_battery_low(&loop->robot.base), now->base_ns);
     }
+    if (reply->kind == VS_GUARD_SENSE && reply->sensed)
+        loop->lead_ns = reply->reading_ns - loop->sent_ns + VS_LOOP_WAKE_NS;
     if (reply->kind == VS_GUARD_SENSE && loop->running && !loop->base_lost)
-        (loop->running == VS_RUN ? run_controller : walk_home)(loop, now);
+        loop->holding = 1;
     if (reply->kind == VS_GUARD_ACT) {
         if (loop->acting && (reply->result == VS_OK || reply->result == VS_ERR_LATE))
             loop->completed++;
@@ -227,6 +249,7 @@ void vs_loop_guard_lost(struct vs_loop *loop)
     memset(&loop->applied, 0, sizeof loop->applied);
     loop->waiting = 0;
     loop->acting = 0;
+    loop->holding = 0;
     loop->guard_lost = 1;
     loop->telemetry_due = VS_TELL_NEWS;
 }
@@ -238,19 +261,58 @@ void vs_loop_end(struct vs_loop *loop)
     look_at_wish(loop);
 }
 
-/* When the next control step, or idle exchange, begins. */
+static int is_asked(const struct vs_loop *loop, enum vs_guard_kind what)
+{
+    return loop->waiting && loop->asked == what;
+}
+
+/* When the next control step, or idle exchange, begins; while the base is read for one or has been,
+ * when the controller is called. */
 static uint64_t next_step_ns(const struct vs_loop *loop)
+{
+    uint64_t period, early_ns;
+
+    if (loop->holding || (loop->running && is_asked(loop, VS_GUARD_SENSE)))
+        return loop->timestep_new ? 0 : loop->hold_ns;
+    period = period_ns(loop);
+    if (!loop->running)
+        return loop->begin_ns + period;
+    if (loop->timestep_new)
+        return loop->begin_ns + period / 2;
+    early_ns = loop->expected_ns - loop->lead_ns - loop->begin_ns; /* after the step before */
+    if (early_ns > period / 2 && early_ns < period + period / 4)
+        return loop->begin_ns + early_ns;
+    return loop->begin_ns + period + period / 4;
+}
+
+/* The base is read. Calls the controller once what it waits for is there, or late. */
+static void end_hold(struct vs_loop *loop, const struct vs_instant *now)
+{
+    if (!loop->holding || now->base_ns < next_step_ns(loop))
+        return;
+    loop->holding = 0;
+    if (!loop->timestep_new)
+        loop->expected_ns += loop->session->timestep_ns;
+    (loop->running == VS_RUN ? run_controller : walk_home)(loop, now);
+}
+
+static void begin_step(struct vs_loop *loop, uint64_t now_ns)
 {
     uint64_t period = period_ns(loop);
 
-    if (!loop->running)
-        return loop->begin_ns + period;
-    return loop->begin_ns + (loop->timestep_new ? period / 2 : period + period / 4);
+    if (loop->pacing && now_ns - loop->step_ns > 3 * period / 2)
+        loop->overruns++;
+    /* As late as it would be if the base were read only then; at once where it is late already. */
+    loop->hold_ns = loop->begin_ns + period + period / 4 + loop->lead_ns;
+    loop->pacing = 1;
+    loop->step_ns = now_ns;
+    loop->begin_ns = now_ns;
 }
 
 static void give_act(struct vs_loop *loop, struct vs_guard_request *request)
 {
     request->kind = VS_GUARD_ACT;
+    request->number = 0;
     request->command = loop->command;
     request->expiry_ns = vs_safety_expiry_ns(&loop->safety);
 }
@@ -273,11 +335,13 @@ int vs_loop_request(struct vs_loop *loop, const struct vs_instant *now,
 
     if (loop->waiting)
         return 0;
-    sensing = now->base_ns >= next_step_ns(loop);
+    end_hold(loop, now);
+    sensing = !loop->acting && now->base_ns >= next_step_ns(loop);
     pinging = now->base_ns - loop->sent_ns >= VS_LOOP_PING_NS / 2; /* while awake anyway */
     if (!(sensing || pinging || loop->acting || loop->hold_due || loop->ending))
         return 0;
-    memset(request, 0, sizeof *request);
+    if (!loop->acting)
+        memset(request, 0, sizeof *request);
     if (loop->ending) {
         request->kind = VS_GUARD_CLOSE;
     } else if (!loop->running && loop->hold_due) {
@@ -285,14 +349,11 @@ int vs_loop_request(struct vs_loop *loop, const struct vs_instant *now,
     } else if (loop->acting && loop->running) {
         give_act(loop, request);
     } else if (sensing) {
-        loop->begin_ns = now->base_ns;
         if (loop->running) {
-            if (loop->pacing && now->base_ns - loop->step_ns > 3 * period_ns(loop) / 2)
-                loop->overruns++;
-            loop->pacing = 1;
-            loop->step_ns = now->base_ns;
+            begin_step(loop, now->base_ns);
             request->kind = VS_GUARD_SENSE;
         } else {
+            loop->begin_ns = now->base_ns;
             give_hold(loop, request);
         }
     } else if (pinging) {
@@ -306,14 +367,17 @@ int vs_loop_request(struct vs_loop *loop, const struct vs_instant *now,
     return 1;
 }
 
-int vs_loop_is_pinging(const struct vs_loop *loop)
+int vs_loop_is_answered(const struct vs_loop *loop, const struct vs_instant *now)
 {
-    return loop->waiting && loop->asked == VS_GUARD_PING;
+    return is_asked(loop, VS_GUARD_PING) ||
+           (is_asked(loop, VS_GUARD_SENSE) &&
+            now->base_ns - loop->sent_ns + VS_LOOP_WAKE_NS >= loop->lead_ns);
 }
 
 int vs_loop_is_patient(const struct vs_loop *loop, const struct vs_instant *now)
 {
-    return vs_loop_is_pinging(loop) && loop->running && now->base_ns < next_step_ns(loop);
+    return (is_asked(loop, VS_GUARD_PING) || is_asked(loop, VS_GUARD_SENSE)) && loop->running &&
+           now->base_ns < next_step_ns(loop);
 }
 
 uint64_t vs_loop_wake_ns(const struct vs_loop *loop, const struct vs_instant *now)

@@ -5,11 +5,11 @@
  * telemetry out.
  *
  * One control step: SENSE (the base's readings are one exchange old, so exchange
- * before the controller), the controller, safety, ACT. A step begins with the first
- * datagram of a new timestep, at the latest 1.25 timesteps after the last step, and
- * never less than half a timestep after it. In `home` it is the same step with the walk
- * of homing.h in the controller's place. Outside of both, and without a session, the
- * wheels are 0: at once when that changes, and again with every idle exchange.
+ * before the controller), the controller, safety, ACT. The controller is called when the first
+ * datagram of a new timestep comes: SENSE begins so long before that it is answered then. Where
+ * none comes a step begins 1.25 timesteps after the last one, and never less than half of one. In
+ * `home` the walk of homing.h is in the controller's place. Outside of both, and without a session,
+ * the wheels are 0: at once when that changes, and again with every idle exchange.
  */
 #ifndef VS_LOOP_H
 #define VS_LOOP_H
@@ -25,14 +25,13 @@
 #define VS_LOOP_TELEMETRY_NS 50000000u /* [ns] nor the host, */
 #define VS_LOOP_REPORT_NS 75000000u    /* [ns] or this where a control step tells it */
 #define VS_LOOP_IDLE_NS 100000000u     /* [ns] idle exchange without a session */
+#define VS_LOOP_WAKE_NS 1000000u       /* [ns] a wake-up may come so late */
 
-/* A packet may leave twice: one that is lost then costs nothing, and a copy costs no tag. */
+/* What leaves twice costs nothing if one is lost; a copy costs no tag. */
 enum vs_telling { VS_TELL_NOTHING = 0, VS_TELL_AGAIN = 1, VS_TELL_NEWS = 2 };
 
 /* What the newest TELEMETRY told, of what must not wait for the next one. */
-struct vs_told {
-    uint32_t run, wanted, cause, log_number;
-};
+struct vs_told { uint32_t run, wanted, cause, log_number; };
 
 /* Now, on both of the worker's clocks. */
 struct vs_instant {
@@ -76,6 +75,7 @@ struct vs_loop {
     uint8_t waiting;      /* a request is with the guard */
     uint8_t asked;        /* enum vs_guard_kind of the newest request */
     uint8_t acting;       /* 1: the controller decided, ACT is due or with the guard */
+    uint8_t holding;      /* 1: SENSE is answered, the controller waits for the timestep */
     uint8_t base_lost;
     uint8_t guard_lost;   /* replaced; until the next ACT */
     uint8_t guard_cause;  /* why the guard holds the wheels */
@@ -96,6 +96,9 @@ struct vs_loop {
     uint64_t begin_ns;    /* base's clock: newest step or idle exchange began */
     uint64_t step_ns;     /* base's clock: newest step began */
     uint64_t sent_ns;     /* base's clock: newest request */
+    uint64_t expected_ns; /* base's clock: a new timestep's first datagram comes then */
+    uint64_t lead_ns;     /* what SENSE takes, and a wake-up */
+    uint64_t hold_ns;     /* base's clock: the controller waits no longer */
     uint64_t telemetry_ns;/* base's clock: newest telemetry */
     struct vs_told told;
 };
@@ -121,26 +124,24 @@ void vs_loop_guard_lost(struct vs_loop *loop);
 /* The daemon ends: wheels 0 from now on. */
 void vs_loop_end(struct vs_loop *loop);
 
-/* The controller begins the run that the session has now, unless it has: a control step does the
- * same before. */
+/* The controller begins the run that the session has now, unless it has, as a step does. */
 void vs_loop_begin(struct vs_loop *loop);
 
 /* Why the wheels are held, or VS_CAUSE_NONE. */
 enum vs_stop_cause vs_loop_cause(const struct vs_loop *loop, const struct vs_instant *now);
 
-/* What is to be told now. With VS_TELL_NEWS t is filled but for what guard_link.h counts, what
- * radio.h tells, what the session fills in, and what of payload the table does not use. */
+/* What is to be told now; with VS_TELL_NEWS t is filled but for what link, radio and session add. */
 enum vs_telling vs_loop_telemetry(struct vs_loop *loop, const struct vs_instant *now,
                                   struct vs_telemetry *t);
 
 /* When the host has to be told at the latest. */
 uint64_t vs_loop_telemetry_ns(const struct vs_loop *loop);
 
-/* 1 while the guard owes the answer to a PING: that it comes is all that matters. */
-int vs_loop_is_pinging(const struct vs_loop *loop);
+/* 1 if an answer of the guard is probably there that vs_loop_is_patient has left unread. */
+int vs_loop_is_answered(const struct vs_loop *loop, const struct vs_instant *now);
 
-/* 1 while the guard's answer may lie unread: it is to a PING, and nothing has to be asked
- * before the next control step, which reads it. */
+/* 1 while the guard's answer may lie unread: nothing is asked or decided before the controller is
+ * called next, and that reads it. */
 int vs_loop_is_patient(const struct vs_loop *loop, const struct vs_instant *now);
 
 /* Base's clock: when vs_loop_request and vs_loop_telemetry have to be asked again. */

@@ -18,8 +18,7 @@
 
 enum { TCP = 0, UDP = 1 };
 
-const char vs_net_version[] = "it speaks another version of the protocol; bring this robot its "
-                              "vsensed with 'vsense robot deploy'";
+const char vs_net_version[] = "another version of the protocol; do 'vsense robot deploy' there";
 
 static int new_socket(int type)
 {

@@ -95,13 +95,11 @@ const char *vs_base_trouble(int err)
         "the device is gone",
         "another process holds the device",
         "the base does not answer",
-        "the base's answer makes no sense",
+        "the base's answer is senseless",
         "the base's answer is late",
         "the base still owes an earlier answer",
     };
     size_t i = (size_t)(VS_ERR_IO - err);
 
-    if (err == VS_OK)
-        return "no error";
-    return i < sizeof texts / sizeof texts[0] ? texts[i] : "unknown error";
+    return i < sizeof texts / sizeof texts[0] ? texts[i] : "no error";
 }

@@ -57,8 +57,11 @@ uint32_t vs_safety_v_max_nm_s(struct vs_robot *robot)
 int16_t vs_safety_max_steps_s(const struct vs_base_reading *base, uint32_t v_max_nm_s)
 {
     int16_t motors_steps_s = base->max_steps_s > 0 ? base->max_steps_s : VS_ROBOT_MAX_STEPS_S;
-    uint32_t most = v_max_nm_s / (base->step_nm > 0 ? base->step_nm : VS_EPUCK_STEP_NM);
+    uint32_t most;
 
+    if (v_max_nm_s == UINT32_MAX) /* mostly, and a division is dear */
+        return motors_steps_s;
+    most = v_max_nm_s / (base->step_nm > 0 ? base->step_nm : VS_EPUCK_STEP_NM);
     if (most >= (uint32_t)motors_steps_s)
         return motors_steps_s;
     if (most == 0)

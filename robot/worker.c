@@ -168,9 +168,6 @@ static void on_reply(struct vs_worker *w, const struct vs_guard_reply *reply)
 {
     vs_talk_guard(&w->talk, reply);
     vs_loop_reply(&w->loop, reply, &w->now);
-    if (w->loop.trace_due && w->trace_fd >= 0)
-        trace(w);
-    w->loop.trace_due = 0;
     if (w->loop.talk_due)
         vs_talk_unused(&w->loop.robot, vs_controller.name);
     w->loop.talk_due = 0;
@@ -182,13 +179,12 @@ static void serve_guard(struct vs_worker *w)
 {
     struct vs_guard_request request;
     struct vs_guard_reply reply;
-    int got = 0;
-    int late;
+    int late, got = 0;
 
     if (w->late_ns > LATE_NS)
         vs_guard_link_excuse(&w->guard, w->late_ns);
     late = w->now.base_ns >= vs_guard_link_deadline_ns(&w->guard);
-    if (w->guard_spoke || vs_loop_is_pinging(&w->loop) || late)
+    if (w->guard_spoke || vs_loop_is_answered(&w->loop, &w->now) || late)
         got = vs_guard_link_receive(&w->guard, &reply);
     if (got == 1)
         on_reply(w, &reply);
@@ -202,6 +198,9 @@ static void serve_guard(struct vs_worker *w)
         vs_guard_link_send(&w->guard, &request);
         vs_board_links_ask(&w->boards, &w->loop.command, w->now.base_ns);
     }
+    if (w->loop.trace_due && w->trace_fd >= 0)
+        trace(w);
+    w->loop.trace_due = 0;
 }
 
 /* The host hears of a board as of what a controller logs. */

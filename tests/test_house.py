@@ -427,9 +427,9 @@ BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
     "vsense in Python": (("vsense",), (".py",), 492, 100800, 400),
     "the page": (("vsense",), (".js", ".css", ".html"), 45, 5900, 300),
-    "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 267, 29000, 400),
+    "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 267, 29200, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 34, 7100, 512),
-    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 627, 105200, 657),
+    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 627, 105300, 657),
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 

@@ -23,11 +23,67 @@ static void test_steps_follow_timesteps(void)
     before = w.steps;
     good_host(&w, 1000 * MS);
     CHECK(w.steps == before + 10);
-    CHECK((w.last_step_ns - EXCHANGE_NS) % TIMESTEP_NS == 20 * MS);
+    CHECK(w.last_step_ns % TIMESTEP_NS == 20 * MS); /* the base was read before */
     before = w.steps;
     live_for(&w, 1000 * MS);
-    CHECK(w.steps == before + 8 && !turning(&w));
+    CHECK(w.steps >= before + 8 && w.steps <= before + 10 && !turning(&w));
     CHECK(w.state.inits == 1);
+}
+
+/* The next timestep's STATE comes late_ms after its time, or before it. Returns how long after that
+ * the controller is called for it [ms]; gap_ms: the longest time between two calls meanwhile. */
+static int called_after(struct world *w, int late_ms, int *gap_ms)
+{
+    uint64_t due_ns = (w->now.base_ns + 60 * MS) / TIMESTEP_NS * TIMESTEP_NS + 50 * MS;
+    uint64_t comes_ns = due_ns + (uint64_t)(late_ms + 50) * MS - 50 * MS;
+    uint64_t before_ns = w->last_step_ns;
+    int called_ms = -1;
+
+    for (*gap_ms = 0; w->now.base_ns < due_ns + 49 * MS; before_ns = w->last_step_ns) {
+        if (w->now.base_ns == comes_ns)
+            receive(w, 1);
+        live(w);
+        if (w->last_step_ns == before_ns)
+            continue;
+        if ((int)((w->last_step_ns - before_ns) / MS) > *gap_ms)
+            *gap_ms = (int)((w->last_step_ns - before_ns) / MS);
+        if (called_ms < 0 && w->last_step_ns >= comes_ns)
+            called_ms = (int)((w->last_step_ns - comes_ns) / MS);
+    }
+    return called_ms;
+}
+
+/* The controller is called as soon as its timestep comes, and never later than if the base were
+ * read only then; the period stays within what it was. */
+static void test_steps_are_locked_to_the_host(void)
+{
+    static const int lates_ms[] = {0, 4, 9, 2, 0, 12, 0};
+    const int exchange_ms = EXCHANGE_NS / MS, period_ms = TIMESTEP_NS / MS;
+    struct world w;
+    int sum_ms = 0;
+    int gap_ms;
+    size_t i;
+
+    begin(&w, 11);
+    open_session(&w);
+    wish(&w, VS_RUN);
+    for (i = 0; i < 10; i++)
+        called_after(&w, 0, &gap_ms);
+    for (i = 0; i < sizeof lates_ms / sizeof lates_ms[0]; i++) {
+        CHECK(called_after(&w, lates_ms[i], &gap_ms) <= 2);
+        CHECK(gap_ms >= period_ms / 2 && gap_ms <= period_ms * 5 / 4);
+    }
+    CHECK(called_after(&w, -20, &gap_ms) == exchange_ms); /* nobody could know */
+    for (i = 0; i < 10; i++)
+        called_after(&w, 0, &gap_ms);
+    CHECK(called_after(&w, 45, &gap_ms) == -1 && gap_ms <= period_ms * 5 / 4);
+    for (i = 0; i < 10; i++) /* one that is lost moves nobody */
+        CHECK(called_after(&w, i == 5 ? 1000 : 0, &gap_ms) <= 0 || i == 0);
+    for (i = 0; i < 300; i++) {
+        sum_ms += called_after(&w, (int)draw(&w.random, 11), &gap_ms);
+        CHECK(gap_ms >= period_ms / 2 && gap_ms <= period_ms * 5 / 4);
+    }
+    CHECK(sum_ms <= 300); /* 1 ms on average, where the exchange takes 8 */
 }
 
 static void test_three_fresh_frames_begin_motion(void)
@@ -42,11 +98,11 @@ static void test_three_fresh_frames_begin_motion(void)
         receive(&w, 1);
         live_for(&w, 20 * MS);
         CHECK(turning(&w) == (frame >= 4) || frame == 3);
-        live_for(&w, 80 * MS);
+        live_for(&w, 30 * MS);
+        receive(&w, 0);
+        live_for(&w, 50 * MS);
         CHECK(turning(&w) == (frame >= 3));
         CHECK(vs_loop_cause(&w.loop, &w.now) == (frame >= 3 ? VS_CAUSE_NONE : VS_CAUSE_STALE));
-        receive(&w, 0);
-        live_for(&w, 2 * MS);
     }
     live_for(&w, 500 * MS);
     CHECK(!turning(&w));
@@ -393,7 +449,7 @@ static void ping(struct world *w)
     begin(w, 1);
     open_session(w);
     wish(w, VS_RUN);
-    good_host(w, 1000 * MS);
+    good_host(w, 1040 * MS); /* to 20 ms after a step */
     while (w->loop.waiting || w->loop.timestep_new)
         live(w);
     w->now.base_ns = w->loop.sent_ns + VS_LOOP_PING_NS;
@@ -410,12 +466,32 @@ static void test_ping_delays_no_step(void)
     CHECK(vs_loop_is_patient(&w.loop, &w.now));
     late_ns = w.loop.begin_ns + w.timestep_ns + w.timestep_ns / 4; /* no STATE comes */
     CHECK(vs_loop_wake_ns(&w.loop, &w.now) <= late_ns);
-    w.now.base_ns = w.loop.begin_ns + w.timestep_ns;
+    w.now.base_ns = w.loop.begin_ns + w.timestep_ns - 2 * MS;
     CHECK(vs_loop_is_patient(&w.loop, &w.now));
     receive(&w, 1);
     CHECK(!vs_loop_is_patient(&w.loop, &w.now));
     ping(&w);
     w.now.base_ns = late_ns;
+    CHECK(!vs_loop_is_patient(&w.loop, &w.now));
+}
+
+/* Nor need that to SENSE, before the timestep comes for which the base is read. */
+static void test_a_base_that_is_read_early_wakes_nobody(void)
+{
+    struct vs_guard_request request;
+    struct world w;
+
+    begin(&w, 12);
+    open_session(&w);
+    wish(&w, VS_RUN);
+    good_host(&w, 1040 * MS);
+    w.now.base_ns += 71 * MS; /* nine before the next */
+    CHECK(vs_loop_request(&w.loop, &w.now, &request) && request.kind == VS_GUARD_SENSE);
+    CHECK(vs_loop_is_patient(&w.loop, &w.now) && !vs_loop_is_answered(&w.loop, &w.now));
+    CHECK(vs_loop_wake_ns(&w.loop, &w.now) <= w.loop.hold_ns);
+    w.now.base_ns += 9 * MS;
+    CHECK(vs_loop_is_answered(&w.loop, &w.now));
+    receive(&w, 1);
     CHECK(!vs_loop_is_patient(&w.loop, &w.now));
 }
 
@@ -466,6 +542,7 @@ int main(int argc, char *argv[])
     uint32_t seed;
 
     test_steps_follow_timesteps();
+    test_steps_are_locked_to_the_host();
     test_three_fresh_frames_begin_motion();
     test_old_frames_are_not_fresh();
     test_controller_lives_as_long_as_its_run();
@@ -478,6 +555,7 @@ int main(int argc, char *argv[])
     test_readings_go_up_with_their_age();
     test_actuators_end_with_their_experiment();
     test_ping_delays_no_step();
+    test_a_base_that_is_read_early_wakes_nobody();
     test_speed_limit_is_the_base_s();
     test_raw_readings_are_those_of_the_base_until_the_run_ends();
     for (seed = 1; seed <= lives; seed++) {

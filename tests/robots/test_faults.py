@@ -241,8 +241,8 @@ def test_a_host_of_the_version_before_is_told_of_once(rig: Rig) -> None:
     recorded = json.loads((ROOT / "tests" / "golden" / "version_2.json").read_text())
     rig.host.refuse = bytes.fromhex(recorded["refuse"])
     rig.wait_for(lambda: len(rig.host.hellos) >= 3, "three tries")
-    wait_said(rig, 1, "the host refuses: it speaks another version of the protocol; bring this")
-    assert rig.daemon.said.count("'vsense robot deploy'; trying on") == 1
+    wait_said(rig, 1, "the host refuses: another version of the protocol; do ")
+    assert rig.daemon.said.count("'vsense robot deploy' there; trying on") == 1
     rig.host.refuse = False
     rig.run()
 
