@@ -5,9 +5,6 @@
 
 #include <string.h>
 
-#define STATE_FIXED 16     /* [byte] of STATE before the readings */
-#define TELEMETRY_FIXED 68 /* [byte] of TELEMETRY before the actuators */
-
 int vs_encode_hello(const struct vs_header *header, const struct vs_hello *hello,
                     uint8_t *buf, size_t cap, size_t *len)
 {
@@ -21,6 +18,8 @@ int vs_encode_hello(const struct vs_header *header, const struct vs_hello *hello
     vs_put_u16(&w, hello->tag);
     vs_put_u16(&w, hello->capabilities);
     vs_put_u16(&w, hello->params_room);
+    vs_put_u16(&w, hello->entries_room);
+    vs_put_u16(&w, hello->datagram_room);
     vs_put_text(&w, hello->name, VS_NAME_MAX);
     vs_put_text(&w, hello->controller, VS_NAME_MAX);
     vs_put_text(&w, hello->version, VS_NAME_MAX);
@@ -44,6 +43,8 @@ int vs_decode_hello(const uint8_t *body, size_t len, struct vs_hello *hello)
     b.tag = vs_get_u16(&r);
     b.capabilities = vs_get_u16(&r);
     b.params_room = vs_get_u16(&r);
+    b.entries_room = vs_get_u16(&r);
+    b.datagram_room = vs_get_u16(&r);
     vs_get_text(&r, b.name, VS_NAME_MAX);
     vs_get_text(&r, b.controller, VS_NAME_MAX);
     vs_get_text(&r, b.version, VS_NAME_MAX);
@@ -162,7 +163,7 @@ static int8_t to_i8(uint8_t value)
     return (int8_t)(value < 0x80 ? (int)value : (int)value - 0x100);
 }
 
-/* The first STATE_FIXED bytes of a body: only who is to drive home has a goal. */
+/* The first VS_STATE_FIXED bytes of a body: only who is to drive home has a goal. */
 static int wish_is_valid(const uint8_t *body)
 {
     if (body[0] > VS_HOME || body[1] != 0)
@@ -180,7 +181,7 @@ int vs_encode_state(const struct vs_header *header, const struct vs_table *table
 
     *len = 0;
     vs_packet_begin(&w, VS_STATE, header, buf, cap);
-    at = vs_put_room(&w, STATE_FIXED);
+    at = vs_put_room(&w, VS_STATE_FIXED);
     if (at != NULL) {
         at = vs_store_u8(at, state->wanted);
         at = vs_store_u8(at, 0);
@@ -206,10 +207,10 @@ int vs_encode_state(const struct vs_header *header, const struct vs_table *table
 int vs_decode_state(const struct vs_table *table, const uint8_t *body, size_t len,
                     struct vs_state *state)
 {
-    const uint8_t *at = body + STATE_FIXED;
+    const uint8_t *at = body + VS_STATE_FIXED;
     uint32_t i;
 
-    if (len != STATE_FIXED + 4 * (size_t)table->sensors + table->sensor_bytes ||
+    if (len != VS_STATE_FIXED + 4 * (size_t)table->sensors + table->sensor_bytes ||
         !wish_is_valid(body))
         return VS_ERR_BODY;
     state->wanted = body[0];
@@ -237,7 +238,7 @@ static int telemetry_is_valid(const struct vs_telemetry *t)
            (t->power_saving <= 1 || t->power_saving == VS_UNKNOWN);
 }
 
-/* The first TELEMETRY_FIXED bytes of a body. */
+/* The first VS_TELEMETRY_FIXED bytes of a body. */
 static void store_telemetry(uint8_t *at, const struct vs_telemetry *t)
 {
     at = vs_store_u8(at, t->state);
@@ -278,7 +279,7 @@ int vs_encode_telemetry(const struct vs_header *header, const struct vs_table *t
     if (!telemetry_is_valid(t))
         return VS_ERR_BODY;
     vs_packet_begin(&w, VS_TELEMETRY, header, buf, cap);
-    at = vs_put_room(&w, TELEMETRY_FIXED);
+    at = vs_put_room(&w, VS_TELEMETRY_FIXED);
     if (at != NULL)
         store_telemetry(at, t);
     vs_put_bytes(&w, t->payload, table->actuator_bytes);

@@ -16,13 +16,14 @@
 #define VS_NONCE_SIZE 16
 #define VS_PARAMS_MAX 4096       /* [byte] controller's parameters in WELCOME */
 #define VS_LOG_MAX 120           /* [byte] one line that a controller logs */
+#define VS_STATE_FIXED 16        /* [byte] of STATE's body before the readings */
+#define VS_TELEMETRY_FIXED 68    /* [byte] of TELEMETRY's body before what the table says */
 #define VS_NEVER_US 0xFFFFFFFF   /* older_us of a value that was never measured */
 #define VS_UNKNOWN 255           /* a yes or no that is not known */
-#define VS_CAPABLE_KEYED 1 /* the robot has a key, and obeys only a host that has it, too */
-#define VS_CAPABLE_HOME 2  /* the robot can drive home */
+#define VS_CAPABLE_KEYED 1       /* it has a key, and obeys only a host that has it, too */
+#define VS_CAPABLE_HOME 2        /* it can drive home */
 
 enum vs_run_state { VS_IDLE = 0, VS_RUN = 1, VS_PAUSE = 2, VS_STOP = 3, VS_HOME = 4 };
-
 /* Why the robot's wheels are held at 0 (TELEMETRY); an unknown number is no error. */
 enum vs_stop_cause {
     VS_CAUSE_NONE = 0,       /* not held */
@@ -40,7 +41,7 @@ enum vs_refuse_code {
     VS_REFUSE_TAG_UNKNOWN = 2, /* no entity of the experiment has this tag */
     VS_REFUSE_FULL = 3,        /* no room for another robot */
     VS_REFUSE_HELLO = 4,       /* the greeting cannot be understood */
-    VS_REFUSE_ROOM = 5,        /* the robot has no room for the parameters */
+    VS_REFUSE_ROOM = 5,        /* the robot has no room for the parameters or the table */
     VS_REFUSE_CONTROLLER = 6,  /* it runs another controller than its table is for */
     VS_REFUSE_KEY = 7          /* it has no key, or another than the host's */
 };
@@ -62,6 +63,8 @@ struct vs_hello {
     uint16_t tag;                     /* marker on its back */
     uint16_t capabilities;            /* VS_CAPABLE_...; unknown bits are ignored */
     uint16_t params_room;             /* [byte] of params that the robot can hold */
+    uint16_t entries_room;            /* entries of a table likewise */
+    uint16_t datagram_room;           /* [byte] of a STATE and a TELEMETRY likewise */
     char name[VS_NAME_MAX + 1];       /* for people */
     char controller[VS_NAME_MAX + 1]; /* for people */
     char version[VS_NAME_MAX + 1];    /* of the robot's software */
@@ -77,9 +80,8 @@ struct vs_welcome {
     struct vs_table table;
 };
 
-/* REFUSE (code: enum vs_refuse_code) and GOODBYE (code: enum vs_goodbye_cause, <= 255). */
 struct vs_notice {
-    uint16_t code;
+    uint16_t code; /* of REFUSE enum vs_refuse_code, of GOODBYE enum vs_goodbye_cause, <= 255 */
     char text[VS_TEXT_MAX + 1]; /* one line for people */
 };
 
@@ -90,8 +92,7 @@ struct vs_state {
     uint32_t log_heard;     /* log line up to which the host has heard them, 0 = none */
     int16_t goal_x_mm;      /* [mm] with VS_HOME: ahead of the robot; else 0 */
     int16_t goal_y_mm;      /* [mm] to its left */
-    uint32_t older_us[VS_TABLE_MAX];  /* [us] by rank: the value's capture is
-                                       * header.capture_ns - 1000 * older_us */
+    uint32_t older_us[VS_TABLE_MAX];  /* [us] by rank: captured so long before capture_ns */
     uint8_t payload[VS_SENSOR_BYTES]; /* sensors' block: entry.offset, entry.size */
 };
 
@@ -120,7 +121,7 @@ struct vs_telemetry {
     uint32_t overruns;     /* control steps that began late (PROTOCOL.md) since the start */
     uint32_t base_resets;  /* resets of the microcontroller since the daemon started */
     uint32_t log_number;   /* of log, 1.. since the daemon started; 0 = no line */
-    uint8_t payload[VS_ACTUATOR_BYTES]; /* actuators' block: levels or cumulative counters */
+    uint8_t payload[VS_ACTUATOR_BYTES]; /* what goes up; with readings u32 older [us] than send_ns */
     char log[VS_LOG_MAX + 1];    /* the oldest line that the host has not heard */
     uint8_t shown_len;           /* [byte] */
     uint8_t shown[VS_SHOWN_MAX]; /* vs_shown.h */
@@ -132,7 +133,6 @@ int vs_decode_hello(const uint8_t *body, size_t len, struct vs_hello *hello);
 int vs_encode_welcome(const struct vs_header *header, const struct vs_welcome *welcome,
                       uint8_t *buf, size_t cap, size_t *len);
 int vs_decode_welcome(const uint8_t *body, size_t len, struct vs_welcome *welcome);
-
 /* VS_REFUSE or VS_GOODBYE, as header->type says. */
 int vs_encode_notice(const struct vs_header *header, const struct vs_notice *notice,
                      uint8_t *buf, size_t cap, size_t *len);

@@ -38,6 +38,8 @@ int vs_greeting_hello(struct vs_session *s, struct vs_header *header,
     hello.tag = s->config.tag;
     hello.capabilities = VS_CAPABLE_HOME | (s->config.keyed ? VS_CAPABLE_KEYED : 0);
     hello.params_room = VS_PARAMS_ROOM;
+    hello.entries_room = VS_TABLE_MAX;
+    hello.datagram_room = VS_DATAGRAM_MAX;
     header->key = root_of(s);
     err = vs_encode_hello(header, &hello, buf, cap, len);
     if (err == VS_OK) {

@@ -316,7 +316,7 @@ int vs_session_telemetry(struct vs_session *s, struct vs_telemetry *t, uint64_t 
     t->clock_bound_us = clock_bound_us(&s->clock, now_ns);
     err = vs_peer_send_telemetry(&s->peer, &s->table, &header, t, now_ns, buf, cap, len);
     if (err == VS_ERR_SEQUENCE)
-        (void)vs_session_goodbye(s, VS_BYE_RENEW, vs_strerror(err));
+        (void)vs_session_goodbye(s, VS_BYE_RENEW, "sequence numbers are used up");
     return err;
 }
 

@@ -18,7 +18,8 @@
 #include "vs_clock.h"
 #include "vs_peer.h"
 
-/* [byte] of parameters that this build can hold; HELLO tells the host. */
+/* [byte] of parameters that this build can hold; HELLO tells the host. So it does of
+ * VS_TABLE_MAX and VS_DATAGRAM_MAX. */
 #ifndef VS_PARAMS_ROOM
 #define VS_PARAMS_ROOM 4096
 #endif
@@ -85,10 +86,8 @@ struct vs_session {
     uint32_t from_timestep;
     uint64_t capture_ns;   /* host's clock: of the newest STATE */
     uint64_t received_ns;  /* own clock: newest accepted STATE; 0 = none in this session */
-    uint64_t newest_capture_ns; /* host's clock: newest ever in this session, but for those
-                                 * that lie in the future (VS_FUTURE_NS) */
-    uint64_t fresh_ns;     /* own clock: when newest_capture_ns last advanced, that is the
-                            * first receipt of the newest capture; 0 = not yet */
+    uint64_t newest_capture_ns; /* host's clock: newest of the session that is not in the future */
+    uint64_t fresh_ns;     /* own clock: first receipt of the newest capture; 0 = not yet */
     struct vs_clock clock;
     struct vs_peer peer;   /* session id, sequences, counters, peer.udp_ns */
     struct vs_table table;

@@ -5,8 +5,14 @@
 
 #include "vs_bytes.h"
 
-/* Bytes that a sensor's value takes in STATE beside its payload: older_us. */
+/* Bytes that a sensor's value takes in STATE, a reading's in TELEMETRY, beside its payload. */
 #define STAMP_SIZE 4
+
+/* What a value takes before its payload in the block of what goes up. */
+static uint32_t stamp_size(const struct vs_entry *e)
+{
+    return e->direction == VS_READING ? STAMP_SIZE : 0;
+}
 
 static void rehash(struct vs_table *t)
 {
@@ -84,10 +90,10 @@ static int place(const struct vs_table *t, struct vs_entry *e)
         e->rank = (uint16_t)t->sensors;
         e->offset = (uint16_t)t->sensor_bytes;
     } else {
-        if (t->actuator_bytes + e->size > VS_ACTUATOR_BYTES)
+        if (t->actuator_bytes + stamp_size(e) + e->size > VS_ACTUATOR_BYTES)
             return VS_ERR_TABLE_SIZE;
         e->rank = (uint16_t)t->actuators;
-        e->offset = (uint16_t)t->actuator_bytes;
+        e->offset = (uint16_t)(t->actuator_bytes + stamp_size(e));
     }
     return VS_OK;
 }
@@ -113,7 +119,7 @@ static int append(struct vs_table *t, uint8_t id, uint8_t direction,
     memset(&e, 0, sizeof e);
     e.id = id;
     e.direction = direction;
-    if (direction != VS_SENSOR && direction != VS_ACTUATOR)
+    if (direction > VS_READING)
         return VS_ERR_ARGUMENT;
     if (name_len == 0 || name_len > VS_NAME_MAX ||
         vs_text_check((const uint8_t *)name, name_len, 0) < 0)
@@ -133,7 +139,8 @@ static int append(struct vs_table *t, uint8_t id, uint8_t direction,
         t->sensor_bytes += e.size;
     } else {
         t->actuators++;
-        t->actuator_bytes += e.size;
+        t->readings += direction == VS_READING;
+        t->actuator_bytes += stamp_size(&e) + e.size;
     }
     return VS_OK;
 }

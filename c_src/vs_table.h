@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT */
 /*
- * vs_table.h - the sensor table: which virtual sensors (host -> robot) and
- * virtual actuators (robot -> host) a session carries, in which order. Sent
- * once in WELCOME; robots bind by name. Bounded, owned by the caller.
+ * vs_table.h - the sensor table: which virtual sensors (host -> robot), virtual
+ * actuators and readings of the robot's own (robot -> host) a session carries, in
+ * which order. Sent once in WELCOME; robots bind by name. Bounded, owned by the caller.
  */
 #ifndef VS_TABLE_H
 #define VS_TABLE_H
@@ -18,11 +18,12 @@
 
 /* Room for payloads in one datagram of 1200 bytes, after its fixed part. */
 #define VS_SENSOR_BYTES 1112  /* STATE: sum over sensors of 4 + size */
-#define VS_ACTUATOR_BYTES 683 /* TELEMETRY: sum over actuators of size */
+#define VS_ACTUATOR_BYTES 683 /* TELEMETRY: sum over actuators of size, over readings of 4 + size */
 
 enum vs_direction {
-    VS_SENSOR = 0,  /* host -> robot, in STATE */
-    VS_ACTUATOR = 1 /* robot -> host, in TELEMETRY */
+    VS_SENSOR = 0,   /* host -> robot, in STATE: a payload and its age */
+    VS_ACTUATOR = 1, /* robot -> host, in TELEMETRY: a payload */
+    VS_READING = 2   /* robot -> host, in TELEMETRY: a payload and its age */
 };
 
 struct vs_entry {
@@ -31,8 +32,9 @@ struct vs_entry {
     uint16_t size;     /* [byte] of the payload, 1.. */
     uint16_t count;    /* items in the payload, from layout */
     uint8_t type[2];   /* 'u' '1', 'i' '2', 'u' '2', 'i' '4', 'u' '4' or 'f' '4' */
-    uint16_t rank;     /* 0.. among the entries of its direction */
-    uint16_t offset;   /* [byte] of its payload in the block of its direction */
+    uint16_t rank;     /* 0.. among the entries that go its way, down or up */
+    uint16_t offset;   /* [byte] of its payload in the block of those; a reading's age stands
+                        * in the four bytes before it */
     char name[VS_NAME_MAX + 1];   /* UTF-8, not empty, unique in the table */
     char layout[VS_NAME_MAX + 1]; /* "f4", "8*f4", "3*u1": [count*]type */
 };
@@ -40,9 +42,10 @@ struct vs_entry {
 struct vs_table {
     uint32_t count;          /* entries in use */
     uint32_t sensors;        /* of which sensors */
-    uint32_t actuators;      /* of which actuators */
+    uint32_t actuators;      /* of which actuators and readings */
+    uint32_t readings;       /* of which readings */
     uint32_t sensor_bytes;   /* [byte] of the sensors' payload block */
-    uint32_t actuator_bytes; /* [byte] of the actuators' payload block */
+    uint32_t actuator_bytes; /* [byte] of the block of what goes up, ages of readings included */
     uint32_t hash;           /* CRC-32 of the encoded table, kept up to date */
     struct vs_entry entries[VS_TABLE_MAX];
 };

@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: MIT */
 /*
- * vs_tag.h - who may have made a packet: SipHash-2-4 with a result of 128 bits, and the keys of
- * a session. Source: J.-P. Aumasson, D. J. Bernstein, "SipHash: a fast short-input PRF" (2012),
- * and appendix "SipHash-128" of its authors' reference. Pure.
+ * vs_tag.h - who may have made a packet: Chaskey-12 with its whole result of 128 bits, and the
+ * keys of a session. Source: N. Mouha, B. Mennink, A. Van Herrewege, D. Watanabe, B. Preneel,
+ * I. Verbauwhede, "Chaskey: an efficient MAC algorithm for 32-bit microcontrollers" (2014), its
+ * status update (2015) for the 12 rounds, and ISO/IEC 29192-6. Pure.
  *
  * A robot's own key is the root of its sessions' keys; who has none uses vs_key_published, which
  * detects damage and proves nothing. A packet begins with 'V', what keys are made of does not.
@@ -19,7 +20,7 @@
 /* The root of those that have no key. */
 extern const uint8_t vs_key_published[VS_KEY_SIZE];
 
-/* The tag of len bytes under a key. */
+/* The tag of len bytes under a key. A third dearer where data is not at a word's address. */
 void vs_tag_make(const uint8_t key[VS_KEY_SIZE], const uint8_t *data, size_t len,
                  uint8_t tag[VS_TAG_SIZE]);
 

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: MIT */
 /*
- * vs_wire.h - frame of every vsense packet, protocol version 2 (PROTOCOL.md):
+ * vs_wire.h - frame of every vsense packet, protocol version 3 (PROTOCOL.md):
  * 56-byte header, body, 16-byte tag. The same bytes travel as one UDP datagram or
  * back to back on TCP. Bodies: vs_body.h.
  */
@@ -14,7 +14,7 @@
 #include "vs_tag.h"
 
 #define VS_MAGIC 0x5356       /* the bytes 'V' 'S' */
-#define VS_VERSION 2
+#define VS_VERSION 3
 #define VS_PREFIX_SIZE 8      /* magic..length: enough to frame a stream */
 #define VS_HEADER_SIZE 56
 #define VS_PACKET_MIN 72      /* header + tag */

@@ -116,7 +116,7 @@ static int check_route(const struct vs_options *o, const struct sockaddr_in *hos
         close(fd);
     if (why != 0)
         return say("network", 0, "no way to %s: %s; join the host's network (ip address, ip route)",
-                   o->host, strerror(why));
+                   o->host, vs_trouble(why));
     return say("network", 1, "this board is %d.%d.%d.%d on the way to %s", at[0], at[1], at[2],
                at[3], o->host);
 }
@@ -153,7 +153,7 @@ static int check_host(const struct vs_options *o, const struct sockaddr_in *host
         return say("host", 1, "%s is there; no experiment runs on its port %u now", o->host, port);
     return say("host", 0, "%s does not answer on port %u: %s; is it switched on, is this its"
                " address, does its firewall let TCP and UDP %u in?",
-               o->host, port, strerror(why), port);
+               o->host, port, vs_trouble(why), port);
 }
 
 static int begins(const char *text, const char *with)
@@ -259,7 +259,7 @@ static int check_base(const struct vs_options *o)
     why = errno;
     if (err != VS_OK)
         return say("base", 0, "cannot open %s: %s; %s", base.news,
-                   err == VS_ERR_IO ? strerror(why) : vs_strerror(err),
+                   err == VS_ERR_IO ? vs_trouble(why) : vs_base_trouble(err),
                    cure(err, why, base.news));
     err = ask(&base, &reading);
     if (err == VS_OK) {
@@ -271,7 +271,7 @@ static int check_base(const struct vs_options *o)
         return say("base", 0, "%s on %s: %s", kind, o->base.device, base.news);
     if (err != VS_OK)
         return say("base", 0, "%s on %s: %s; is the robot switched on, does it run the firmware for"
-                   " '%s', is this its line?", kind, o->base.device, vs_strerror(err), kind);
+                   " '%s', is this its line?", kind, o->base.device, vs_base_trouble(err), kind);
     if (vs_base_battery_low(&reading) == 1)
         return say("base", 0, "%s on %s answers, but its battery is low: charge it", kind,
                    o->base.device);
@@ -283,7 +283,7 @@ static int check_watchdog(const char *path)
 {
     if (access(path, W_OK) != 0)
         return say("watchdog", 0, "%s: %s; load the board's driver (modprobe), or leave --watchdog"
-                   " out", path, strerror(errno));
+                   " out", path, vs_trouble(errno));
     return say("watchdog", 1, "%s is there; whether it is free a start tells", path);
 }
 

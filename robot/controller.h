@@ -87,12 +87,12 @@ struct vs_reading vs_robot_read(const struct vs_robot *robot, int sensor);
 /* Its numbers, at most max. Returns how many it has, 0 if not known. */
 int vs_robot_values(const struct vs_robot *robot, int sensor, double *values, int max);
 
-/* Binds a virtual actuator by name; for init. Always gives a handle. */
+/* Binds a virtual actuator, or a reading that goes up, by name; for init. Always gives a handle. */
 int vs_robot_actuator(struct vs_robot *robot, const char *name);
 
 /* Sets number index of a virtual actuator, a level or a cumulative counter; stays until set again.
- * Clipped to the actuator's type, NaN counts as 0; nobody's actuator: no effect. A level must be
- * meant for as long as it stays, 0 is off; a counter only grows, from 0 in init. */
+ * Clipped to its type, NaN counts as 0; nobody's actuator: no effect. A level must be meant for as
+ * long as it stays, 0 is off; a counter only grows, from 0 in init; a reading is of this step. */
 void vs_robot_actuate(struct vs_robot *robot, int actuator, int index, double value);
 
 /* Parameter of the experiment, fallback if it names none or no number. */

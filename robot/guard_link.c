@@ -50,7 +50,7 @@ static void leave(struct vs_guard_link *link, int socket, long worker,
     if (vs_restart_by_service())
         return;
     vs_restart(link->argv);
-    vs_report("cannot start again: %s", strerror(errno));
+    vs_report("cannot start again: %s", vs_trouble(errno));
 }
 
 static void become_guard(struct vs_guard_link *link, int socket, int found, long worker)

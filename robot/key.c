@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include "number.h"
+#include "report.h"
 #include "settings.h"
 #include "../c_src/vs_format.h"
 
@@ -19,7 +20,7 @@ static const char *fault_of(int fd)
     struct stat status;
 
     if (fstat(fd, &status) != 0)
-        return strerror(errno);
+        return vs_trouble(errno);
     if (!S_ISREG(status.st_mode))
         return "expected a file";
     if ((status.st_mode & (S_IRWXG | S_IRWXO)) != 0)
@@ -31,12 +32,12 @@ static const char *fault_of(int fd)
 static const char *read_all(const char *file, struct vs_settings *settings)
 {
     int fd = open(file, O_RDONLY | O_NONBLOCK);
-    const char *fault = fd < 0 ? strerror(errno) : fault_of(fd);
+    const char *fault = fd < 0 ? vs_trouble(errno) : fault_of(fd);
     ssize_t len = 0;
 
     settings->len = 0;
     if (fault == NULL && (len = read(fd, settings->text, VS_SETTINGS_MAX)) < 0)
-        fault = strerror(errno);
+        fault = vs_trouble(errno);
     if (fault == NULL)
         settings->len = (size_t)len;
     if (fd >= 0)

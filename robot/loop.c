@@ -46,7 +46,7 @@ static void look_at_wish(struct vs_loop *loop)
         memset(&loop->homing, 0, sizeof loop->homing);
         loop->begin_ns = loop->step_ns; /* an idle exchange delays no step */
         loop->hold_due = 1;
-        loop->telemetry_due = 1;
+        loop->telemetry_due = VS_TELL_NEWS;
         loop->pacing = 0;
     }
     if (running != VS_RUN && (!loop->session->open || loop->session->wanted != VS_PAUSE))
@@ -77,8 +77,9 @@ static void look_at_state(struct vs_loop *loop, const struct vs_instant *now)
     }
     /* The process is awake now, and need not wake up soon for this alone; a step tells, too. */
     if ((!loop->timestep_new || !loop->running) &&
-        now->base_ns - loop->telemetry_ns >= VS_LOOP_TELEMETRY_NS / 2)
-        loop->telemetry_due = 1;
+        now->base_ns - loop->telemetry_ns >= VS_LOOP_TELEMETRY_NS / 2 &&
+        loop->telemetry_due == VS_TELL_NOTHING)
+        loop->telemetry_due = VS_TELL_AGAIN;
 }
 
 /* A controller lives as long as its run, its table, its seed and its parameters. Which run
@@ -113,7 +114,7 @@ void vs_loop_event(struct vs_loop *loop, enum vs_event event, const struct vs_in
         vs_safety_init(&loop->safety);
         loop->v_max_nm_s = vs_safety_v_max_nm_s(&loop->robot);
         loop->seen_fresh_ns = 0;
-        loop->telemetry_due = 1;
+        loop->telemetry_due = VS_TELL_NEWS;
     }
     if (event == VS_EV_GOODBYE)
         end_run(loop);
@@ -217,7 +218,7 @@ void vs_loop_reply(struct vs_loop *loop, const struct vs_guard_reply *reply,
             loop->completed++;
         loop->acting = 0;
         loop->guard_lost = 0;
-        loop->telemetry_due = 1;
+        loop->telemetry_due = VS_TELL_NEWS;
     }
 }
 
@@ -227,7 +228,7 @@ void vs_loop_guard_lost(struct vs_loop *loop)
     loop->waiting = 0;
     loop->acting = 0;
     loop->guard_lost = 1;
-    loop->telemetry_due = 1;
+    loop->telemetry_due = VS_TELL_NEWS;
 }
 
 void vs_loop_end(struct vs_loop *loop)
@@ -305,76 +306,6 @@ int vs_loop_request(struct vs_loop *loop, const struct vs_instant *now,
     return 1;
 }
 
-enum vs_stop_cause vs_loop_cause(const struct vs_loop *loop, const struct vs_instant *now)
-{
-    if (loop->ending)
-        return VS_CAUSE_SIGNAL;
-    if (!loop->session->open)
-        return VS_CAUSE_NO_SESSION;
-    if (!loop->running)
-        return VS_CAUSE_WANTED;
-    if (loop->guard_lost)
-        return VS_CAUSE_GUARD;
-    if (loop->base_lost)
-        return VS_CAUSE_BASE;
-    if (loop->battery.empty)
-        return VS_CAUSE_BATTERY;
-    if (!vs_safety_may_move(&loop->safety, now->base_ns))
-        return VS_CAUSE_STALE;
-    return (enum vs_stop_cause)loop->guard_cause;
-}
-
-static uint8_t actual_state(const struct vs_loop *loop)
-{
-    const struct vs_session *s = loop->session;
-
-    if (loop->running)
-        return loop->running;
-    return s->open && s->wanted != VS_RUN && s->wanted != VS_HOME ? s->wanted : VS_IDLE;
-}
-
-/* When the host has to be told at the latest. A control step tells, so that what would fall
- * together with one waits for it. */
-static uint64_t telemetry_ns(const struct vs_loop *loop)
-{
-    uint64_t due_ns = loop->telemetry_ns + VS_LOOP_TELEMETRY_NS;
-    int stepping = loop->waiting && loop->asked != VS_GUARD_PING;
-
-    if (stepping || (loop->running && due_ns > loop->begin_ns + loop->session->timestep_ns / 2))
-        return loop->telemetry_ns + VS_LOOP_REPORT_NS;
-    return due_ns;
-}
-
-int vs_loop_telemetry(struct vs_loop *loop, const struct vs_instant *now,
-                      struct vs_telemetry *t)
-{
-    const char *line;
-
-    if (!loop->session->open)
-        return 0;
-    if (!loop->telemetry_due && now->base_ns < telemetry_ns(loop))
-        return 0;
-    loop->telemetry_due = 0;
-    loop->telemetry_ns = now->base_ns;
-    t->overruns = loop->overruns;
-    t->state = actual_state(loop);
-    t->stop_cause = (uint8_t)vs_loop_cause(loop, now);
-    t->battery_low = vs_base_battery_low(&loop->robot.base);
-    t->battery_mv = vs_base_battery_mv(&loop->robot.base);
-    t->control_step = loop->completed;
-    t->left_steps_s = loop->applied.left_steps_s;
-    t->right_steps_s = loop->applied.right_steps_s;
-    t->leds = loop->applied.leds;
-    if (loop->session->table.actuator_bytes > 0)
-        memcpy(t->payload, loop->robot.actuators, loop->session->table.actuator_bytes);
-    line = vs_log_due(&loop->robot.log, &t->log_number);
-    memcpy(t->log, line, strlen(line) + 1);
-    t->shown_len = loop->robot.shown_len;
-    if (t->shown_len > 0)
-        memcpy(t->shown, loop->robot.shown, t->shown_len);
-    return 1;
-}
-
 int vs_loop_is_pinging(const struct vs_loop *loop)
 {
     return loop->waiting && loop->asked == VS_GUARD_PING;
@@ -393,7 +324,7 @@ uint64_t vs_loop_wake_ns(const struct vs_loop *loop, const struct vs_instant *no
         wake_ns = next_step_ns(loop);
     if (!loop->waiting && loop->sent_ns + VS_LOOP_PING_NS < wake_ns)
         wake_ns = loop->sent_ns + VS_LOOP_PING_NS;
-    if (loop->session->open && telemetry_ns(loop) < wake_ns)
-        wake_ns = telemetry_ns(loop);
+    if (loop->session->open && vs_loop_telemetry_ns(loop) < wake_ns)
+        wake_ns = vs_loop_telemetry_ns(loop);
     return wake_ns;
 }

@@ -26,6 +26,14 @@
 #define VS_LOOP_REPORT_NS 75000000u    /* [ns] or this where a control step tells it */
 #define VS_LOOP_IDLE_NS 100000000u     /* [ns] idle exchange without a session */
 
+/* A packet may leave twice: one that is lost then costs nothing, and a copy costs no tag. */
+enum vs_telling { VS_TELL_NOTHING = 0, VS_TELL_AGAIN = 1, VS_TELL_NEWS = 2 };
+
+/* What the newest TELEMETRY told, of what must not wait for the next one. */
+struct vs_told {
+    uint32_t run, wanted, cause, log_number;
+};
+
 /* Now, on both of the worker's clocks. */
 struct vs_instant {
     uint64_t base_ns;    /* the board's clock, vs_posix.h */
@@ -71,7 +79,8 @@ struct vs_loop {
     uint8_t base_lost;
     uint8_t guard_lost;   /* replaced; until the next ACT */
     uint8_t guard_cause;  /* why the guard holds the wheels */
-    uint8_t telemetry_due;
+    uint8_t telemetry_due; /* enum vs_telling */
+    uint8_t told_again;   /* the newest TELEMETRY has left twice */
     uint8_t trace_due;    /* step is new */
     uint8_t pacing;       /* a control step of this stretch of running has begun */
     uint8_t talk_due;     /* the controller began with another table or other params */
@@ -88,6 +97,7 @@ struct vs_loop {
     uint64_t step_ns;     /* base's clock: newest step began */
     uint64_t sent_ns;     /* base's clock: newest request */
     uint64_t telemetry_ns;/* base's clock: newest telemetry */
+    struct vs_told told;
 };
 
 /* state: a union vs_controller_state, or smaller if the controller's state is. */
@@ -118,10 +128,13 @@ void vs_loop_begin(struct vs_loop *loop);
 /* Why the wheels are held, or VS_CAUSE_NONE. */
 enum vs_stop_cause vs_loop_cause(const struct vs_loop *loop, const struct vs_instant *now);
 
-/* 1 if telemetry is due; t is then filled but for what guard_link.h counts, what radio.h
- * tells, what the session fills in, and what of payload the table does not use. */
-int vs_loop_telemetry(struct vs_loop *loop, const struct vs_instant *now,
-                      struct vs_telemetry *t);
+/* What is to be told now. With VS_TELL_NEWS t is filled but for what guard_link.h counts, what
+ * radio.h tells, what the session fills in, and what of payload the table does not use. */
+enum vs_telling vs_loop_telemetry(struct vs_loop *loop, const struct vs_instant *now,
+                                  struct vs_telemetry *t);
+
+/* When the host has to be told at the latest. */
+uint64_t vs_loop_telemetry_ns(const struct vs_loop *loop);
 
 /* 1 while the guard owes the answer to a PING: that it comes is all that matters. */
 int vs_loop_is_pinging(const struct vs_loop *loop);

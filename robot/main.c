@@ -60,7 +60,7 @@ static int load(const char *file, struct vs_settings *settings, char *why, size_
                        settings->len)) > 0)
         settings->len += (size_t)len;
     if (fd < 0 || len < 0)
-        vs_format(why, why_size, "%s: cannot be read: %s", file, strerror(errno));
+        vs_format(why, why_size, "%s: cannot be read: %s", file, vs_trouble(errno));
     else if (settings->len > VS_SETTINGS_MAX || has_zero(settings->text, settings->len))
         vs_format(why, why_size, "%s: expected a text of at most %d bytes", file, VS_SETTINGS_MAX);
     else

@@ -18,6 +18,9 @@
 
 enum { TCP = 0, UDP = 1 };
 
+const char vs_net_version[] = "it speaks another version of the protocol; bring this robot its "
+                              "vsensed with 'vsense robot deploy'";
+
 static int new_socket(int type)
 {
     int fd = socket(AF_INET, type, 0);
@@ -178,7 +181,7 @@ static int read_datagram(struct vs_net *net)
 
     if (!is_readable(net, UDP))
         return 0;
-    len = recvfrom(net->fds[UDP], net->datagram, sizeof net->datagram, 0,
+    len = recvfrom(net->fds[UDP], net->datagram.bytes, sizeof net->datagram.bytes, 0,
                    (struct sockaddr *)&from, &size);
     net->has_datagram =
         len >= 0 && from.sin_addr.s_addr == net->host && from.sin_port == htons(net->port);
@@ -214,7 +217,8 @@ static void take_datagram(struct vs_net *net, struct vs_session *session, uint64
                           uint64_t session_ns, enum vs_event *event)
 {
     net->has_datagram = 0;
-    if (vs_session_udp_in(session, net->datagram, net->datagram_len, session_ns, event) == VS_OK)
+    if (vs_session_udp_in(session, net->datagram.bytes, net->datagram_len, session_ns,
+                          event) == VS_OK)
         net->heard_ns = now_ns;
 }
 
@@ -222,6 +226,7 @@ enum vs_net_result vs_net_take(struct vs_net *net, struct vs_session *session,
                                uint64_t now_ns, uint64_t session_ns, enum vs_event *event)
 {
     size_t used;
+    int err;
 
     *event = VS_EV_NONE;
     if (net->has_datagram) {
@@ -232,9 +237,11 @@ enum vs_net_result vs_net_take(struct vs_net *net, struct vs_session *session,
         vs_net_close(net, session, "the host closed it", now_ns, VS_NET_RETRY_NS);
         return VS_NET_LOST;
     }
-    if (vs_session_tcp_in(session, net->in + net->in_pos, net->in_len - net->in_pos,
-                          session_ns, &used, event) < 0) {
-        vs_net_close(net, session, "the host broke the protocol", now_ns, VS_NET_REFUSED_NS);
+    err = vs_session_tcp_in(session, net->in + net->in_pos, net->in_len - net->in_pos,
+                            session_ns, &used, event);
+    if (err != VS_OK) {
+        vs_net_close(net, session, err == VS_ERR_VERSION ? vs_net_version
+                     : "the host broke the protocol", now_ns, VS_NET_REFUSED_NS);
         return VS_NET_LOST;
     }
     net->in_pos += used;
@@ -243,16 +250,16 @@ enum vs_net_result vs_net_take(struct vs_net *net, struct vs_session *session,
     return VS_NET_EVENT;
 }
 
-void vs_net_send(struct vs_net *net, const uint8_t *buf, size_t len, int over_tcp)
+void vs_net_send(struct vs_net *net, int over_tcp)
 {
     struct sockaddr_in host = address_of(net);
 
     /* a datagram that the system does not take is a lost one */
-    (void)sendto(net->fds[UDP], buf, len, MSG_NOSIGNAL, (const struct sockaddr *)&host,
-                 sizeof host);
+    (void)sendto(net->fds[UDP], net->sent.bytes, net->sent_len, MSG_NOSIGNAL,
+                 (const struct sockaddr *)&host, sizeof host);
     if (over_tcp && net->phase == VS_NET_UP) {
-        memcpy(net->newest, buf, len);
-        net->newest_len = len;
+        memcpy(net->newest, net->sent.bytes, net->sent_len);
+        net->newest_len = net->sent_len;
     }
 }
 

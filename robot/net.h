@@ -18,6 +18,9 @@
 #define VS_NET_TAKEN_NS 5000000000u   /* [ns] until the next try once taken over */
 #define VS_NET_SILENCE_NS 2000000000u /* [ns] without a valid packet: connect anew */
 
+/* Why a connection ended: the host is older or newer. */
+extern const char vs_net_version[];
+
 enum vs_net_phase { VS_NET_DOWN = 0, VS_NET_CONNECTING = 1, VS_NET_UP = 2 };
 
 enum vs_net_result {
@@ -27,7 +30,13 @@ enum vs_net_result {
     VS_NET_NO_WAY = 3   /* no socket gets to the host; net->trouble says why, once */
 };
 
-/* Read-only for the caller. */
+/* Room for a datagram at the address of a word, where its tag costs less. */
+union vs_net_datagram {
+    uint32_t for_alignment;
+    uint8_t bytes[VS_DATAGRAM_MAX + 1];
+};
+
+/* Read-only for the caller, but for sent. */
 struct vs_net {
     uint32_t host;      /* IPv4, network order */
     uint16_t port;
@@ -47,8 +56,10 @@ struct vs_net {
     size_t out_len;
     size_t out_pos;
     size_t newest_len;
+    size_t sent_len;
     /* What holds nothing yet was never written: pages that nobody touches cost no memory. */
-    uint8_t datagram[VS_DATAGRAM_MAX + 1];
+    union vs_net_datagram datagram;
+    union vs_net_datagram sent;         /* the newest telemetry */
     uint8_t in[1792];                   /* of the stream, at a time */
     uint8_t out[VS_DATAGRAM_MAX];       /* the packet that TCP is sending */
     uint8_t newest[VS_DATAGRAM_MAX];   /* telemetry waiting for TCP: newest wins */
@@ -71,8 +82,8 @@ int vs_net_read(struct vs_net *net);
 enum vs_net_result vs_net_take(struct vs_net *net, struct vs_session *session,
                                   uint64_t now_ns, uint64_t session_ns, enum vs_event *event);
 
-/* Sends one telemetry packet by UDP, and by TCP as well if over_tcp. */
-void vs_net_send(struct vs_net *net, const uint8_t *buf, size_t len, int over_tcp);
+/* Sends the telemetry packet in sent by UDP, and by TCP as well if over_tcp. */
+void vs_net_send(struct vs_net *net, int over_tcp);
 
 /* Writes what TCP has to send, as far as it takes it. */
 void vs_net_flush(struct vs_net *net, struct vs_session *session, uint64_t session_ns);

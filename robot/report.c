@@ -7,6 +7,8 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "../c_src/vs_err.h"
+
 #define LINE_MAX_BYTES 400
 
 static char prefix[24] = "vsensed";
@@ -76,4 +78,30 @@ void vs_print(const char *text)
         text += done > 0 ? done : 0;
         left -= done > 0 ? (size_t)done : 0;
     }
+}
+
+const char *vs_trouble(int number)
+{
+    static char text[sizeof "errno -2147483648"];
+
+    vs_format(text, sizeof text, "errno %d", number);
+    return text;
+}
+
+const char *vs_base_trouble(int err)
+{
+    static const char *const texts[] = {
+        "the device failed",
+        "the device is gone",
+        "another process holds the device",
+        "the base does not answer",
+        "the base's answer makes no sense",
+        "the base's answer is late",
+        "the base still owes an earlier answer",
+    };
+    size_t i = (size_t)(VS_ERR_IO - err);
+
+    if (err == VS_OK)
+        return "no error";
+    return i < sizeof texts / sizeof texts[0] ? texts[i] : "unknown error";
 }

@@ -46,6 +46,7 @@ void vs_robot_begin(struct vs_robot *robot, const struct vs_session *session)
 void vs_robot_forget(struct vs_robot *robot)
 {
     memset(robot->actuators, 0, sizeof robot->actuators);
+    memset(robot->said_ns, 0, sizeof robot->said_ns);
     robot->shown_len = 0;
     robot->show_failed = 0;
 }
@@ -75,13 +76,13 @@ void vs_robot_complain(struct vs_robot *robot, const char *what, const char *nam
         robot->complain(robot->context, what, name);
 }
 
-/* Index of the table's entry of that name and direction, or NONE. */
-static int bind(struct vs_robot *robot, const char *name, uint8_t direction)
+/* Index of the table's entry of that name that goes up or down, or NONE. */
+static int bind(struct vs_robot *robot, const char *name, int up)
 {
     const struct vs_table *table = &robot->session->table;
     int index = vs_table_find(table, name);
 
-    if (index < 0 || table->entries[index].direction != direction)
+    if (index < 0 || (table->entries[index].direction != VS_SENSOR) != up)
         return NONE;
     robot->bound |= (uint32_t)1 << index;
     return index;
@@ -95,12 +96,12 @@ static int bind_fused(struct vs_robot *robot, const char *name)
     if (strlen(name) >= VS_NAME_MAX)
         return NONE;
     memcpy(plus + 1, name, strlen(name) + 1);
-    return bind(robot, plus, VS_SENSOR);
+    return bind(robot, plus, 0);
 }
 
 int vs_robot_sensor(struct vs_robot *robot, const char *name)
 {
-    int index = bind(robot, name, VS_SENSOR);
+    int index = bind(robot, name, 0);
     int own = vs_base_sensor(name);
 
     if (index != NONE)
@@ -115,7 +116,7 @@ int vs_robot_sensor(struct vs_robot *robot, const char *name)
 
 int vs_robot_actuator(struct vs_robot *robot, const char *name)
 {
-    int index = bind(robot, name, VS_ACTUATOR);
+    int index = bind(robot, name, 1);
 
     if (index != NONE)
         return index;
@@ -254,8 +255,9 @@ void vs_robot_actuate(struct vs_robot *robot, int actuator, int index, double va
     if (actuator < 0 || (uint32_t)actuator >= robot->session->table.count)
         return;
     entry = &robot->session->table.entries[actuator];
-    if (entry->direction != VS_ACTUATOR || index < 0 || index >= entry->count)
+    if (entry->direction == VS_SENSOR || index < 0 || index >= entry->count)
         return;
+    robot->said_ns[actuator] = robot->session_ns;
     value = value == value ? value : 0.0;
     width = entry->type[1] - '0';
     at = robot->actuators + entry->offset + index * width;

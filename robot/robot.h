@@ -23,7 +23,8 @@ struct vs_robot {
     struct vs_base_reading base;
     uint64_t base_ns;       /* base's clock: when that came, 0 = never */
     struct vs_base_command command;
-    uint8_t actuators[VS_ACTUATOR_BYTES]; /* virtual ones, as TELEMETRY carries them */
+    uint8_t actuators[VS_ACTUATOR_BYTES]; /* what goes up, as TELEMETRY carries it, but for ages */
+    uint64_t said_ns[VS_TABLE_MAX]; /* session's clock: entry n's reading was set, 0 = never */
     uint8_t raw;                 /* 1: the robot's own readings are left as they are measured */
     uint8_t show_failed;         /* which was complained of */
     uint8_t shown_len;

@@ -65,7 +65,9 @@ void vs_talk_event(struct vs_talk *talk, enum vs_event event, const struct vs_se
 
 void vs_talk_lost(struct vs_talk *talk, const char *why)
 {
-    if (talk->connected)
+    if (why == vs_net_version)
+        refused(talk, why);
+    else if (talk->connected)
         vs_report("connection lost: %s; trying on", why);
     talk->connected = 0;
 }

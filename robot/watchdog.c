@@ -24,7 +24,7 @@ void vs_watchdog_open(const char *path)
     if (device < 0) {
         vs_report("--watchdog %s: %s; going on without it", path,
                   errno == EBUSY ? "another program has it (systemd's RuntimeWatchdogSec, or a"
-                                   " watchdog daemon)" : strerror(errno));
+                                   " watchdog daemon)" : vs_trouble(errno));
         return;
     }
     if (lseek(device, 0, SEEK_CUR) >= 0) {

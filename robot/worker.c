@@ -56,8 +56,7 @@ static void on_event(struct vs_worker *w, enum vs_event event)
 static void on_lost(struct vs_worker *w, enum vs_net_result result)
 {
     if (result == VS_NET_NO_WAY)
-        vs_report("no way to the host %s: %s; trying on", w->options->host,
-                  strerror(w->net.trouble));
+        vs_report("no way to %s: %s; trying on", w->options->host, vs_trouble(w->net.trouble));
     if (result != VS_NET_LOST)
         return;
     vs_talk_lost(&w->talk, w->net.why);
@@ -109,7 +108,7 @@ static int start_guard(struct vs_worker *w, int found)
         return 0;
     why = errno;
     (void)vs_guard_link_stop_base(&w->guard);
-    vs_report("cannot start the guard: %s", strerror(why));
+    vs_report("cannot start the guard: %s", vs_trouble(why));
     end(w, 1, "no guard can be started");
     return -1;
 }
@@ -139,7 +138,7 @@ static void replace_guard(struct vs_worker *w, const char *why)
     err = vs_guard_link_stop_base(&w->guard);
     if (err == VS_OK && w->loop.ending)
         err = w->base.ops->close(&w->base);
-    vs_report("the guard %s: stopped the base without it: %s", why, vs_strerror(err));
+    vs_report("the guard %s: stopped the base without it: %s", why, vs_base_trouble(err));
     if (err == VS_ERR_HANGUP)
         vs_report("the base hung up");
     if (w->loop.ending || err == VS_ERR_HANGUP) {
@@ -156,7 +155,7 @@ static void trace(struct vs_worker *w)
     int err = vs_trace_step(w->trace_fd, &w->loop);
 
     if (err < 0) {
-        vs_report("trace ends: cannot write it: %s", strerror(errno));
+        vs_report("trace ends: cannot write it: %s", vs_trouble(errno));
         close(w->trace_fd);
         w->trace_fd = -1;
     } else if (err > 0 && !w->trace_full) {
@@ -220,19 +219,19 @@ static void serve_host(struct vs_worker *w)
 {
     const struct vs_instant *now = &w->now;
     struct vs_telemetry telemetry;
-    uint8_t packet[VS_DATAGRAM_MAX];
-    size_t len;
+    enum vs_telling telling = vs_loop_telemetry(&w->loop, now, &telemetry);
 
     vs_talk_cause(&w->talk, vs_loop_cause(&w->loop, now), now->base_ns);
-    if (vs_loop_telemetry(&w->loop, now, &telemetry)) {
+    if (telling == VS_TELL_NEWS) {
         telemetry.base_errors = w->guard.base_errors;
         telemetry.base_resets = w->base.resets;
         telemetry.guard_restarts = w->guard.restarts;
         vs_radio_tell(&w->radio, now->base_ns, &telemetry);
-        if (vs_session_telemetry(&w->session, &telemetry, now->session_ns, packet, sizeof packet,
-                                 &len) == VS_OK)
-            vs_net_send(&w->net, packet, len, vs_session_over_tcp(&w->session, now->session_ns));
+        (void)vs_session_telemetry(&w->session, &telemetry, now->session_ns, w->net.sent.bytes,
+                                   VS_DATAGRAM_MAX, &w->net.sent_len);
     }
+    if (telling != VS_TELL_NOTHING && w->net.sent_len > 0)
+        vs_net_send(&w->net, vs_session_over_tcp(&w->session, now->session_ns));
     vs_net_flush(&w->net, &w->session, now->session_ns);
 }
 
@@ -283,7 +282,7 @@ static int open_session(struct vs_worker *w)
     memcpy(config.version, vsensed_version, sizeof config.version);
     memcpy(config.hash, vsensed_controller_hash, sizeof config.hash);
     if (vs_random_fill(&config.started, sizeof config.started) != 0) {
-        vs_report("cannot read /dev/urandom: %s", strerror(errno));
+        vs_report("cannot read /dev/urandom: %s", vs_trouble(errno));
         return 1;
     }
     if (name_len <= VS_NAME_MAX)
@@ -316,19 +315,19 @@ static int open_files(struct vs_worker *w)
     int err;
 
     if (o->trace != NULL && (w->trace_fd = vs_trace_open(o->trace)) < 0) {
-        vs_report("cannot write %s: %s", o->trace, strerror(errno));
+        vs_report("cannot write %s: %s", o->trace, vs_trouble(errno));
         return 1;
     }
     if (vs_signals_open(&w->signals_fd) != 0) {
-        vs_report("cannot make a pipe: %s", strerror(errno));
+        vs_report("cannot make a pipe: %s", vs_trouble(errno));
         return 1;
     }
     err = vs_base_open(&w->base, &o->base);
     if (err != VS_OK)
         vs_report("cannot open the base %s: %s", w->base.news,
-                  err == VS_ERR_IO ? strerror(errno) : vs_strerror(err));
+                  err == VS_ERR_IO ? vs_trouble(errno) : vs_base_trouble(err));
     else if (vs_rights_drop() != 0)
-        vs_report("keeps all rights: %s", strerror(errno));
+        vs_report("keeps all rights: %s", vs_trouble(errno));
     return err == VS_OK ? 0 : 1;
 }
 

@@ -313,7 +313,7 @@ def called_of_c(path: Path) -> list[str]:
 
 
 def test_what_c_shows_to_python_is_called() -> None:
-    """By the package, or by the properties and golden bytes of wire, session and base."""
+    """By the package, or by the properties of lines, and golden bytes of wire, session and base."""
     shown = {
         name
         for library in (lib, kernels)
@@ -321,7 +321,7 @@ def test_what_c_shows_to_python_is_called() -> None:
         if not isinstance(getattr(library, name), int | float)
     }
     assert {"vs_packet_open", "fw_york_advance", "vs_rays_blocked"} <= shown
-    folders = ("vsense", "tests/wire", "tests/firmware")
+    folders = ("vsense", "tests/wire", "tests/firmware", "tests/rigs")
     sources = [path for folder in folders for path in (ROOT / folder).rglob("*.py")]
     called = re.compile("|".join({name for path in sources for name in called_of_c(path)}))
     assert {name for name in shown if not called.fullmatch(name)} == set()
@@ -425,19 +425,19 @@ def test_functions_fit_a_screen() -> None:
 
 BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
-    "vsense in Python": (("vsense",), (".py",), 488, 99980, 400),
+    "vsense in Python": (("vsense",), (".py",), 492, 100780, 400),
     "the page": (("vsense",), (".js", ".css", ".html"), 45, 5900, 300),
-    "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 262, 28400, 400),
+    "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 267, 29000, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 34, 7100, 512),
-    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 625, 104800, 657),
+    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 627, 105150, 657),
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 
-CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 68480, 48, 19
+CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 69000, 48, 19
 """Lines of code in `vsense/`; imports between rooms, and between folders inside of rooms."""
-DOORS_MAX, NAMES_MAX = 188, 756
+DOORS_MAX, NAMES_MAX = 192, 766
 """Modules that another room imports, and names taken from them."""
-SPLATS_MAX, OUTSIDE_MAX = 10, 223
+SPLATS_MAX, OUTSIDE_MAX = 10, 224
 """Calls `f(*(a, b))`; attributes that are assigned from outside of their object."""
 
 

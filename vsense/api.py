@@ -16,10 +16,11 @@ if TYPE_CHECKING:
     from vsense.modes.lab.truth import read_truth
     from vsense.modes.sim.engine import Engine
     from vsense.modes.sim.job import Setup, Sweep
+    from vsense.modes.sim.stepping import SteppedSimulation
     from vsense.monitor.recording.reader import open_recording
     from vsense.robots.python_robot import Robot
     from vsense.robots.python_swarm import Leds, Swarm
-    from vsense.studies.notebook import LoadedExperiment, RunTable, SimulatedRun
+    from vsense.studies.notebook import LoadedExperiment, RunTable, SimulatedRun, parallel_env
     from vsense.studies.notebook import load_experiment as load
     from vsense.studies.report.report import make_report
     from vsense.studies.series.campaign import Campaign
@@ -51,6 +52,7 @@ PLACES = {
     "Scope": "vsense.world.sensors.base",
     "Setup": "vsense.modes.sim.job",
     "SimulatedRun": "vsense.studies.notebook",
+    "SteppedSimulation": "vsense.modes.sim.stepping",
     "Swarm": "vsense.robots.python_swarm",
     "Sweep": "vsense.modes.sim.job",
     "VirtualActuator": "vsense.world.actuators.base",
@@ -63,6 +65,7 @@ PLACES = {
     "load": "vsense.studies.notebook:load_experiment",
     "make_report": "vsense.studies.report.report",
     "open_recording": "vsense.monitor.recording.reader",
+    "parallel_env": "vsense.studies.notebook",
     "read_truth": "vsense.modes.lab.truth",
     "run_campaign": "vsense.studies.series.campaign:run",
 }
@@ -87,6 +90,7 @@ __all__ = [
     "Scope",
     "Setup",
     "SimulatedRun",
+    "SteppedSimulation",
     "Swarm",
     "Sweep",
     "VirtualActuator",
@@ -99,6 +103,7 @@ __all__ = [
     "load",
     "make_report",
     "open_recording",
+    "parallel_env",
     "read_truth",
     "run_campaign",
 ]

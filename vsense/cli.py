@@ -6,6 +6,7 @@ Exit codes: 0 ok, 1 failed, 2 wrong usage or input, 130 interrupted
 
 from __future__ import annotations
 
+import atexit
 import os
 import signal
 import sys
@@ -37,7 +38,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if sys.argv[1:2] == ["sim"]:
             ForkedProcess.allow()
     try:
-        return _run(list(sys.argv[1:] if arguments is None else arguments))
+        code = _run(list(sys.argv[1:] if arguments is None else arguments))
+        if arguments is None and ForkedProcess.is_safe():
+            _leave(code)
+        return code
     except VsenseError as error:
         # Where the terminal has gone (SIGHUP) the exit code still says why.
         with suppress(OSError):
@@ -50,6 +54,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if not codes:
             raise
         return codes[0]  # NumPy makes an ImportError of whatever comes in the midst of its import
+
+
+def _leave(code: int) -> NoReturn:
+    """Ends the process without taking apart what it has in memory, which takes 20 ms."""
+    atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(AttributeError, OSError):  # it may be closed, or there is none
+            stream.flush()
+    os._exit(code)
 
 
 def _run(words: Sequence[str]) -> int:

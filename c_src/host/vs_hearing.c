@@ -11,6 +11,8 @@
 
 #define NO_KEY 0.0
 
+enum { UNKNOWN, FREE, CUT };
+
 int vs_speech_set(const void *speech, const struct vs_scene *scene, const double *levels,
                   const double *growth)
 {
@@ -35,9 +37,12 @@ int vs_speech_set(const void *speech, const struct vs_scene *scene, const double
 static void gather(const struct vs_hearing *how)
 {
     const struct vs_pose_fields *fields = how->world->fields;
+    size_t all = how->world->robots_all;
     uint32_t j;
 
-    for (j = 0; j < how->world->robots_all; j++) {
+    if (how->lines)
+        memset(how->lines, UNKNOWN, all * all);
+    for (j = 0; j < all; j++) {
         const uint8_t *row = how->world->robots + (size_t)j * fields->row;
         const struct vs_message *message = &how->messages[j];
         double reach_m = message->range_m > 0.0 ? message->range_m : how->range_m;
@@ -52,6 +57,41 @@ static void gather(const struct vs_hearing *how)
     }
 }
 
+/* Where it is noted whether the line between two robots is free; NULL: nowhere, as this one's own
+ * place is not where others hear it. */
+static uint8_t *note_of(const struct vs_hearing *how, const double own_m[3], int32_t own,
+                        uint32_t who)
+{
+    size_t all = how->world->robots_all, one = (size_t)own;
+    const double *place = how->places_m;
+
+    if (!how->lines || own < 0 || one >= all)
+        return NULL;
+    place += 3 * one;
+    if (place[0] != own_m[0] || place[1] != own_m[1])
+        return NULL;
+    return how->lines + (one < who ? one * all + who : who * all + one);
+}
+
+/* Whether something stands between a robot and another one: 1 or 0, or an error. Both ways are one
+ * line, from the first of them to the second, which is looked at once. */
+static int is_cut(const struct vs_hearing *how, const struct vs_scene *scene, int32_t own,
+                  uint32_t who, const double own_m[3], const double other_m[3])
+{
+    int is_first = own < (int32_t)who;
+    int32_t both[2] = {own, (int32_t)who};
+    uint8_t *note = note_of(how, own_m, own, who), blocked = 0;
+
+    if (note && *note != UNKNOWN)
+        return *note == CUT;
+    if (vs_rays_blocked(scene->obstacles, is_first ? own_m : other_m, is_first ? other_m : own_m, 1,
+                        both, 2, &blocked) != VS_OK)
+        return VS_ERR_ARGUMENT;
+    if (note)
+        *note = blocked ? CUT : FREE;
+    return blocked;
+}
+
 /* Whether a robot hears another one that is near: 1 or 0, or an error. */
 static int hears(const struct vs_hearing *how, const struct vs_scene *scene, uint32_t i,
                  const struct vs_place *place, struct vs_noticed *one)
@@ -60,17 +100,15 @@ static int hears(const struct vs_hearing *how, const struct vs_scene *scene, uin
     double east_m = other[0] - place->x_m, north_m = other[1] - place->y_m;
     double start_m[3] = {place->x_m, place->y_m, how->height_m};
     double end_m[3] = {other[0], other[1], how->height_m};
-    int32_t both[2] = {scene->own[i], (int32_t)one->who};
-    uint8_t blocked = 0;
+    int cut = 0;
 
     one->bearing_rad = vs_libm_wrap(vs_libm_bearing(north_m, east_m) - place->yaw_rad);
     if (!(fabs(one->bearing_rad) <= how->view_rad / 2.0))
         return 0;
     one->distance_m = vs_libm_distance(east_m, north_m);
-    if (how->occlusions &&
-        vs_rays_blocked(scene->obstacles, start_m, end_m, 1, both, 2, &blocked) != VS_OK)
-        return VS_ERR_ARGUMENT;
-    return !blocked;
+    if (how->occlusions)
+        cut = is_cut(how, scene, scene->own[i], one->who, start_m, end_m);
+    return cut < 0 ? cut : !cut;
 }
 
 /* Fills the list of a robot, drawn or in the others' order; gives how many it would hear, or an

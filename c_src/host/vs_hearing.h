@@ -54,7 +54,8 @@ struct vs_hearing {
     int real_range;               /* ranges are what the real board measures */
     double *places_m;             /* [all robots * 3] scratch, */
     struct vs_noticed *heard;     /* [robots * most] */
-    uint32_t *counts;             /* and [robots] */
+    uint32_t *counts;             /* [robots], */
+    uint8_t *lines;               /* and [all robots * all robots], or NULL */
 };
 
 /*

@@ -85,3 +85,24 @@ int vs_lens_to_plane(const struct vs_lens *lens, const double pixel[2], double h
     point_m[1] = lens->position_m[1] + reach * (r[1] * ideal[0] + r[4] * ideal[1] + r[7]);
     return VS_OK;
 }
+
+int vs_lens_map(const struct vs_view *view, double x_px, double y_px, double place_m[2],
+                double map[4])
+{
+    static const double step[4][2] = {{0.5, 0.0}, {-0.5, 0.0}, {0.0, 0.5}, {0.0, -0.5}};
+    double near_m[4][2], pixel[2];
+    int i;
+
+    for (i = 0; i < 4; i++) {
+        pixel[0] = x_px + step[i][0];
+        pixel[1] = y_px + step[i][1];
+        if (vs_lens_to_plane(&view->lens, pixel, view->height_m, near_m[i]) != VS_OK)
+            return 0;
+    }
+    for (i = 0; i < 2; i++) {
+        place_m[i] = 0.25 * (near_m[0][i] + near_m[1][i] + near_m[2][i] + near_m[3][i]);
+        map[2 * i] = near_m[0][i] - near_m[1][i];
+        map[2 * i + 1] = near_m[2][i] - near_m[3][i];
+    }
+    return 1;
+}

@@ -18,4 +18,11 @@ int vs_lens_project(const struct vs_lens *lens, const double point_m[3], double 
 int vs_lens_to_plane(const struct vs_lens *lens, const double pixel[2], double height_m,
                      double point_m[2]);
 
+/*
+ * The place on the markers' plane that a view shows at a pixel, and how it moves with the pixel, a
+ * matrix row by row [m/px]. Returns 0 where it shows none, else 1.
+ */
+int vs_lens_map(const struct vs_view *view, double x_px, double y_px, double place_m[2],
+                double map[4]);
+
 #endif

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "vs_codes.h"
+#include "vs_corners.h"
 #include "vs_edges.h"
 #include "vs_lens.h"
 #include "vs_math.h"
@@ -12,11 +13,15 @@
 #include "vs_square.h"
 
 #define SHAPES 1024 /* candidates in a picture */
+#define CORNERS 1024 /* of what is too large */
+#define LEAST_SEEN 0.7 /* of an outline that something lies over: three sides of a square */
 
 /* The tables of the scan follow it in memory: parts, then runs. */
 struct vs_markers {
     struct vs_shape shapes[SHAPES];
     struct vs_spot known[SHAPES];
+    struct vs_border border;
+    struct vs_corner corners[CORNERS];
     struct vs_scan scan;
 };
 
@@ -64,28 +69,6 @@ static void lay_out(struct vs_markers *work, const struct vs_picture *picture)
     scan->runs = (struct vs_run *)(void *)(scan->parts + scan->part_room);
 }
 
-/* A place on the markers' plane, and how it moves with the pixel [m/px]; 0 if nowhere. */
-static int map_pixel(const struct vs_view *view, double x_px, double y_px, double place_m[2],
-                     double map[4])
-{
-    static const double step[4][2] = {{0.5, 0.0}, {-0.5, 0.0}, {0.0, 0.5}, {0.0, -0.5}};
-    double near_m[4][2], pixel[2];
-    int i;
-
-    for (i = 0; i < 4; i++) {
-        pixel[0] = x_px + step[i][0];
-        pixel[1] = y_px + step[i][1];
-        if (vs_lens_to_plane(&view->lens, pixel, view->height_m, near_m[i]) != VS_OK)
-            return 0;
-    }
-    for (i = 0; i < 2; i++) {
-        place_m[i] = 0.25 * (near_m[0][i] + near_m[1][i] + near_m[2][i] + near_m[3][i]);
-        map[2 * i] = near_m[0][i] - near_m[1][i];
-        map[2 * i + 1] = near_m[2][i] - near_m[3][i];
-    }
-    return 1;
-}
-
 /* The pose that a candidate's moments suggest; 0 if it is no marker. */
 static int begin_marker(const struct vs_search *search, const struct vs_view *view,
                         const struct vs_shape *shape, struct vs_marker *marker)
@@ -93,7 +76,7 @@ static int begin_marker(const struct vs_search *search, const struct vs_view *vi
     double centroid_m[2], map[4], ahead[2], bend, area_m2;
     int is_marker;
 
-    if (!map_pixel(view, shape->x_px, shape->y_px, centroid_m, map))
+    if (!vs_lens_map(view, shape->x_px, shape->y_px, centroid_m, map))
         return 0;
     bend = map[0] * map[3] - map[1] * map[2];
     area_m2 = shape->area_px2 * (bend < 0.0 ? -bend : bend);
@@ -243,6 +226,59 @@ static int add_scanned(struct vs_markers *work, const struct vs_search *search,
     return add_fitted(work, search, &pale, view, corner, markers, capacity, count);
 }
 
+/* Where a marker is that has one of its corners there. */
+static void begin_at_corner(const struct vs_angle *angle, const struct vs_corner *corner,
+                            struct vs_marker *marker)
+{
+    const double *inward_m = corner->inward_m;
+    double c, s;
+
+    memset(marker, 0, sizeof *marker);
+    c = marker->ahead_x = inward_m[0] * angle->ahead + inward_m[1] * angle->left;
+    s = marker->ahead_y = inward_m[1] * angle->ahead - inward_m[0] * angle->left;
+    marker->x_m = corner->place_m[0] - c * angle->x_m + s * angle->y_m;
+    marker->y_m = corner->place_m[1] - s * angle->x_m - c * angle->y_m;
+    marker->scale = 1.0;
+}
+
+static int32_t count_read(const struct vs_marker *markers, size_t count)
+{
+    int32_t read = 0;
+    size_t i;
+
+    for (i = 0; i < count; i++)
+        read += markers[i].tag >= 0.0;
+    return read;
+}
+
+/* Adds those that can be read of which the newest scan shows a corner; 0: no room for all. */
+static int add_cornered(struct vs_markers *work, const struct vs_search *search,
+                        const struct vs_outline *outline, const struct vs_view *view,
+                        const struct vs_picture *part, const int32_t origin[2],
+                        struct vs_marker *markers, size_t capacity, size_t *count)
+{
+    size_t corners = 0, i;
+    int is_room = 1, which;
+
+    if (search->corners > 0 && count_read(markers, *count) < search->wanted)
+        vs_corners_find(&work->scan, part, search, view, origin, &work->border, work->corners,
+                        CORNERS, &corners);
+    for (i = 0; i < corners; i++) {
+        for (which = 0; which < search->corners; which++) {
+            struct vs_marker marker;
+
+            begin_at_corner(&search->corner[which], &work->corners[i], &marker);
+            if (!vs_corners_glance(outline, &view->picture, &work->corners[i], &marker) ||
+                !vs_outline_fit(outline, view, &marker))
+                continue;
+            read_marker(outline, view, &marker);
+            if (marker.tag >= 0.0 && marker.coverage > LEAST_SEEN)
+                is_room &= add_marker(search, &marker, markers, capacity, count);
+        }
+    }
+    return is_room;
+}
+
 /* Where in the part are the discs of markers that could be read; returns their number. */
 static size_t find_known(struct vs_markers *work, const struct vs_search *search,
                          const struct vs_view *view, const int32_t corner[2],
@@ -293,7 +329,8 @@ int vs_markers_search(struct vs_markers *work, const struct vs_search *search,
     if (err != VS_OK)
         return err;
     full = (int)work->scan.full;
-    is_room = add_scanned(work, search, outline, view, corner, markers, capacity, count);
+    is_room = add_scanned(work, search, outline, view, corner, markers, capacity, count) &
+              add_cornered(work, search, outline, view, &part, corner, markers, capacity, count);
     for (i = 0; i < VS_MARKERS_AGAIN; i++) {
         if (!vs_scan_needs(&work->scan, &search->again[i]))
             continue;

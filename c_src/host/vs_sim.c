@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "../vs_err.h"
-#include "vs_loop_step.h"
+#include "vs_cxx_step.h"
 #include "vs_place.h"
 
 /* Everything moves on to the capture, the tracker sees it, and the world takes that over. */
@@ -171,8 +171,8 @@ static int call_loop(struct vs_sim *sim, uint32_t functions)
     while (sim->called < functions && sim->said == 0) {
         uint32_t clock = sim->timestep - sim->first + 1;
 
-        sim->said = (uint32_t)vs_loop_step(sim->loop, sim->called, sim->timestep, clock);
-        sim->called += sim->said != VS_LOOP_SHINES;
+        sim->said = (uint32_t)vs_cxx_step(sim->loop, sim->called, sim->timestep, clock);
+        sim->called += sim->said != VS_CXX_SHINES;
     }
     return sim->said == 0;
 }
@@ -182,8 +182,8 @@ static int go_on(struct vs_sim *sim, int *has_news)
 {
     int err = VS_OK;
 
-    if ((sim->at == VS_SIM_SEEN && !call_loop(sim, VS_LOOP_POST_STEP)) ||
-        (sim->at == VS_SIM_SENSED && !call_loop(sim, VS_LOOP_FLOOR)))
+    if ((sim->at == VS_SIM_SEEN && !call_loop(sim, VS_CXX_POST_STEP)) ||
+        (sim->at == VS_SIM_SENSED && !call_loop(sim, VS_CXX_FLOOR)))
         return VS_OK;
     if (sim->at == VS_SIM_BEGUN)
         see(sim);

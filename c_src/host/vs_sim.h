@@ -9,7 +9,7 @@
 
 #include "vs_field.h"
 #include "vs_light.h"
-#include "vs_loop.h"
+#include "vs_cxx.h"
 #include "vs_physics.h"
 #include "vs_ring.h"
 #include "vs_slip.h"
@@ -74,7 +74,7 @@ struct vs_sim {
     uint32_t sensors_count;
     uint32_t programs_count;
     struct vs_sim_program *programs;
-    struct vs_loop *loop;         /* C++ around every timestep, unless stops says so; or NULL */
+    struct vs_cxx *loop;          /* C++ around every timestep, unless stops says so; or NULL */
     struct vs_rings *rings;       /* NULL: nobody asks for them */
     const struct vs_slip *slip;   /* NULL: wheels obey */
     const double *errors;         /* the tracker's, and the rings' noise: of the next timestep, */
@@ -94,7 +94,7 @@ struct vs_sim {
     uint32_t at;                  /* VS_SIM_..., of the next timestep; VS_SIM_BEGUN at first */
     uint32_t first;               /* the run's first timestep, whose clock is 1 */
     uint32_t called;              /* functions of the loop in this timestep */
-    uint32_t said;                /* VS_LOOP_... of the newest one; else 0 */
+    uint32_t said;                /* VS_CXX_... of the newest one; else 0 */
     uint32_t stops;               /* bits: 1 << VS_SIM_SEEN: come back in every timestep then */
     uint32_t failed;              /* number of the sensor or actuator that an error is of */
 };

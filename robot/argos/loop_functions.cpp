@@ -434,8 +434,8 @@ extern "C" void vs_argos_fail(const char *words)
 #endif
 
 /* What a user throws ends here: nothing of C++ reaches the host. */
-extern "C" void vs_loop_call(const char *text, size_t size, const double *numbers, size_t count,
-                             struct vs_loop_answer *answer)
+extern "C" void vs_cxx_call(const char *text, size_t size, const double *numbers, size_t count,
+                            struct vs_cxx_answer *answer)
 {
     using namespace argos;
     std::vector<std::string> lines = VsParts(std::string(text, size), '\n');

@@ -2,7 +2,7 @@
 /*
  * loop_functions.hpp - ARGoS's loop functions, and the space and the simulator that they see.
  * Names and semantics are ARGoS's (Source: src/core/simulator at 421bd76); what begins with Vs is
- * ours. A host calls them through `vs_loop_call`.
+ * ours. A host calls them through `vs_cxx_call`.
  */
 #ifndef VS_ARGOS_LOOP_FUNCTIONS_HPP
 #define VS_ARGOS_LOOP_FUNCTIONS_HPP
@@ -13,7 +13,7 @@
 #include "plugins.hpp"
 
 /* What a call of the loop functions gives; it is there until the next call. */
-struct vs_loop_answer
+struct vs_cxx_answer
 {
     const char *text; /* lines, see loop_functions.cpp */
     size_t text_size;
@@ -23,10 +23,10 @@ struct vs_loop_answer
 
 /* Calls what the first line of `text` names, of `size` bytes; `numbers`: three for each robot, or
  * two for each point of the floor. */
-extern "C" __attribute__((visibility("default"))) void vs_loop_call(const char *text, size_t size,
-                                                                    const double *numbers,
-                                                                    size_t count,
-                                                                    struct vs_loop_answer *answer);
+extern "C" __attribute__((visibility("default"))) void vs_cxx_call(const char *text, size_t size,
+                                                                   const double *numbers,
+                                                                   size_t count,
+                                                                   struct vs_cxx_answer *answer);
 
 namespace argos {
 
@@ -229,7 +229,7 @@ struct VsLoopKind
 }  // namespace argos
 
 #define VS_ARGOS_JOINED(a, b) a##b
-#define VS_ARGOS_NAMED(number) VS_ARGOS_JOINED(vs_loop_kind_, number)
+#define VS_ARGOS_NAMED(number) VS_ARGOS_JOINED(vs_cxx_kind_, number)
 #define REGISTER_LOOP_FUNCTIONS(CLASSNAME, LABEL)                                           \
     static ::argos::VsLoopKind VS_ARGOS_NAMED(__COUNTER__)(                                 \
         LABEL, &::argos::VsMakeLoop<CLASSNAME>, &::argos::VsObjective<CLASSNAME>);

@@ -1,10 +1,11 @@
-"""The detectors that are compared, vsense's, OpenCV's and AprilTag 3, behind one seam.
+"""The detectors that are compared, vsense's, OpenCV's and others where installed, behind one seam.
 
 A contestant does passes over its pictures. The time of each pass counts; what it found in the last
 one is compared with the truth.
 
-AprilTag 3 (pupil-apriltags) may crash its process when it ends, so it has one of its own. This
-module is both ends: the parent sends a line for each pass and gets one JSON line back.
+AprilTag 3 (pupil-apriltags) may crash its process when it ends, so libraries that are installed
+beside vsense have one each. This module is both ends: the parent sends a line for each pass and
+gets one JSON line back. napa-vision's licence allows no more than this: to compare.
 """
 
 from __future__ import annotations
@@ -195,29 +196,31 @@ def _pin(turn: int) -> None:
         os.sched_setaffinity(0, {allowed[turn % len(allowed)]})
 
 
-_OFFSET_PX = 0.5
-"""AprilTag counts pixels from their upper left corner, not from their middle."""
+LIBRARIES = {"pupil_apriltags": 0.5, "napa_vision": 0.0, "locus": 0.5}
+"""What others read tag36h11 with, and by how much [px] their pixels are counted from an upper left
+corner instead of the middle."""
 
 
-def is_installed() -> bool:
-    """Whether pupil-apriltags is there."""
-    return importlib.util.find_spec("pupil_apriltags") is not None
+def is_installed(library: str) -> bool:
+    """Whether a library of `LIBRARIES` is there."""
+    return importlib.util.find_spec(library) is not None
 
 
-class AprilTag:
-    """AprilTag 3 on pictures of tag36h11."""
+class Apart:
+    """Somebody else's library on pictures of tag36h11, in a process of its own."""
 
-    def __init__(self, name: str, frames: FrameSet, decimate: float, threads: int) -> None:
+    def __init__(self, name: str, frames: FrameSet, library: str, threads: int) -> None:
         self.name, self.frames, self.threads = name, frames, threads
+        self._offset_px = LIBRARIES[library]
         self._folder = tempfile.TemporaryDirectory(prefix="vsense-bench-")
         pictures = Path(self._folder.name) / "pictures.npy"
         np.save(pictures, np.array(frames.images))
-        words = str(pictures), str(decimate), str(threads)
+        words = str(pictures), library, str(threads)
         self._process, self._stdin, self._stdout = start_module(
             "tests.bench.contestants",
             *words,
             stderr=subprocess.DEVNULL,
-            env={**os.environ, "PYTHONPATH": str(ROOT)},
+            env={**os.environ, "PYTHONPATH": str(ROOT), "RAYON_NUM_THREADS": str(threads)},
         )
 
     def run(self) -> tuple[list[float], list[FoundTags]]:
@@ -231,7 +234,7 @@ class AprilTag:
         found = [
             FoundTags(
                 np.array(tags, dtype=np.int64),
-                np.array(centres, dtype=np.float64).reshape(-1, 2) - _OFFSET_PX,
+                np.array(centres, dtype=np.float64).reshape(-1, 2) - self._offset_px,
             )
             for tags, centres in answer["found"]
         ]
@@ -246,19 +249,40 @@ class AprilTag:
         self._folder.cleanup()
 
 
-def _serve(pictures: NDArray[np.uint8], decimate: float, threads: int) -> None:
+Corners = list[tuple[int, Any]]
+
+
+def _reader(library: str, threads: int) -> Callable[[Image], Corners]:
+    """Returns what gives a picture's tags, each with its (4, 2) corners."""
+    module = importlib.import_module(library)
+    if library == "napa_vision":
+        napa = module.NapaDetector(min_tag_px=20)
+        return lambda picture: [(tag.tag_id, tag.corners) for tag in napa.detect(picture)]
+    if library == "locus":
+        locus = module.Detector(families=[module.TagFamily.AprilTag36h11])
+
+        def read(picture: Image) -> Corners:
+            batch = locus.detect(picture)
+            return list(zip(batch.ids.tolist(), batch.corners, strict=True))
+
+        return read
+    tags = module.Detector(families="tag36h11", nthreads=threads, quad_decimate=2.0)
+    return lambda picture: [(tag.tag_id, tag.corners) for tag in tags.detect(picture)]
+
+
+def _serve(pictures: NDArray[np.uint8], library: str, threads: int) -> None:
     """Answers each line on standard input with one pass over the pictures."""
-    module = importlib.import_module("pupil_apriltags")
-    detector = module.Detector(families="tag36h11", nthreads=threads, quad_decimate=decimate)
+    read = _reader(library, threads)
     for _ in sys.stdin:
         times, found = [], []
         for picture in pictures:
             begin = time.perf_counter()
-            seen = detector.detect(picture)
+            seen = read(picture)
             times.append(1e3 * (time.perf_counter() - begin))
-            found.append(([tag.tag_id for tag in seen], [tag.center.tolist() for tag in seen]))
+            corners = np.array([four for _, four in seen], dtype=np.float64).reshape(-1, 4, 2)
+            found.append(([int(tag) for tag, _ in seen], crossing(corners).tolist()))
         print(json.dumps({"ms": times, "found": found}), flush=True)
 
 
 if __name__ == "__main__":
-    _serve(np.load(sys.argv[1]), float(sys.argv[2]), int(sys.argv[3]))
+    _serve(np.load(sys.argv[1]), sys.argv[2], int(sys.argv[3]))

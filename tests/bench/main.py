@@ -20,7 +20,8 @@ SUBJECTS: dict[str, tuple[Callable[[Options], dict[str, Any]], Callable[[Any], s
         lambda options: tracking.run(options.rounds, options.pictures, options.walk, _say),
         tracking.table,
         "renders pictures of 20 robots on a cluttered floor and lets vsense's detectors, cv2.aruco"
-        " and, if pupil-apriltags is installed, AprilTag 3 find them, in turns, in one run",
+        " and, where they are installed, AprilTag 3 (pupil-apriltags), napa-vision and locus-tag"
+        " find them, in turns, in one run",
     ),
     "identity": (
         lambda options: identity.run(options.timesteps, _say),

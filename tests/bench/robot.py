@@ -24,10 +24,10 @@ from vsense.robots.boards import TARGETS, toolchain
 from vsense.robots.build import FAST_PARTS, SHIPPED_CONTROLLER, cache_directory, source_tree
 from vsense.robots.compiling import BuildError, Sources, native
 
-SIZE_MAX = 103_000
+SIZE_MAX = 100_000
 """[byte] of the daemon for ARMv5 with a controller in it."""
 
-STEP_MAX = 17_000
+STEP_MAX = 12_000
 """Instructions of a control step on ARMv5, the protocol's among them."""
 
 CALLS_MAX = 40

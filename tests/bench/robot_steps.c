@@ -100,6 +100,7 @@ static size_t make_state(uint32_t timestep, uint8_t *buf)
     header.capture_ns = now.session_ns - 20 * MS;
     header.run = 1;
     said.wanted = VS_RUN;
+    peer.udp_ns = now.session_ns; /* telemetry comes */
     if (vs_peer_send_state(&peer, &welcome.table, &header, &said, now.session_ns, buf,
                            VS_DATAGRAM_MAX, &len) != VS_OK)
         fail("no STATE");
@@ -230,7 +231,7 @@ static void serve_worker(const uint8_t *packet, size_t len)
         vs_guard_request(&guard, &request, now.base_ns);
     serve_base();
     vs_talk_cause(&talk, vs_loop_cause(&loop, &now), now.base_ns);
-    if (vs_loop_telemetry(&loop, &now, &telemetry))
+    if (vs_loop_telemetry(&loop, &now, &telemetry) == VS_TELL_NEWS)
         vs_session_telemetry(&session, &telemetry, now.session_ns, out, sizeof out, &out_len);
 }
 

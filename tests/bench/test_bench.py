@@ -25,7 +25,7 @@ def test_the_judge_counts_what_is_named_where_it_is() -> None:
     contestant = Single("somebody", frame_set(truth), lambda image, camera: found)
     _, seen = contestant.run()
     row = tracking.judge(contestant, [2.0, 3.0, 10.0], seen)
-    assert row.ms_per_frame == 3.0 and row.wrong_ids == 2
+    assert row.ms_per_frame == 3.0 and (row.wrong_ids, row.false_ids) == (1, 1)
     assert row.detected_share == pytest.approx(1 / 3)
     assert row.position_rms_px == pytest.approx(0.5)
 
@@ -74,9 +74,12 @@ def test_the_report_is_as_promised(
     captured = capsys.readouterr()
     report = json.loads(captured.out)
     names = {"detector", "frames", "threads", "ms_per_frame", "detected_share", "wrong_ids"}
-    assert all(set(row) == names | {"position_rms_px"} for row in report["rows"])
+    names |= {"false_ids", "position_rms_px"}
+    assert all(set(row) == names for row in report["rows"])
     mine = [row for row in report["rows"] if row["detector"].startswith("vsense")]
-    assert all(row["detected_share"] == 1.0 and row["wrong_ids"] == 0 for row in mine)
+    assert all(
+        row["detected_share"] == 1.0 and row["wrong_ids"] == row["false_ids"] == 0 for row in mine
+    )
     assert {row["threads"] for row in report["rows"]} == {1, 2}
     assert sum("key frame" in row["detector"] for row in report["rows"]) == 6
     assert report["floor_ms"] > 0.0 and report["ratio_to_aruco"] > 1.0

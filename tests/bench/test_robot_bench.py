@@ -73,7 +73,7 @@ def test_table_of_a_machine_that_can_measure_nothing() -> None:
     report |= {"sizes": {"epuck": 96_800}, "step_instructions": 11_199, "memory_kb": 204}
     report |= {"step_calls": 40, "shown_byte": 17.5}
     text = robot.table(report)
-    assert "epuck    96,800 bytes of 103,000 allowed" in text
-    assert "11,199 of 17,000 allowed" in text and "204 kB" in text
+    assert "epuck    96,800 bytes of 100,000 allowed" in text
+    assert "11,199 of 12,000 allowed" in text and "204 kB" in text
     assert "every byte that a controller shows in every step: 17.5 instructions" in text
     assert "system calls of a control step at 10 Hz, all processes: 40 of 40 allowed" in text

@@ -9,6 +9,7 @@ import pytest
 
 from tests.bench import main, world
 from tests.conftest import require_tool
+from tests.rigs.lines import in_sight
 from vsense.world.sensors.geometry import RING_HEIGHT_M, RING_RADIUS_M
 
 
@@ -60,7 +61,7 @@ def test_robots_stand_in_each_others_light_and_not_in_each_other() -> None:
     starts = np.column_stack((places, np.full(200, 0.032)))
     goals = [light.position_m for light in swarm.world.lights()]
     assert len(goals) == world.LIGHTS
-    seen = swarm.world.bodies().seen(starts, goals, np.arange(200))
+    seen = in_sight(starts, goals, swarm.world.bodies(), np.arange(200))
     assert 0.2 < 1.0 - seen.mean() < 0.8
 
 

@@ -16,8 +16,9 @@ import numpy as np
 
 from tests.bench import whole_tracker
 from tests.bench.contestants import (
+    LIBRARIES,
     MAX_THREADS,
-    AprilTag,
+    Apart,
     Contestant,
     FoundTags,
     SharedOut,
@@ -43,6 +44,7 @@ ARUCO_SUBPIX = "cv2.aruco, sub-pixel corners"
 ARUCO_TUNED = "cv2.aruco, sub-pixel corners, tuned"
 ARUCO_FASTEST = "cv2.aruco, whole pixels, tuned"
 APRILTAG = "AprilTag 3, decimate 2"
+OTHERS = dict(zip(LIBRARIES, (APRILTAG, "napa-vision", "locus-tag"), strict=True))
 OUR_SQUARES = "vsense squares, full search"
 SQUARES = {"DICT_4X4_50": "aruco_4x4_50", "DICT_APRILTAG_36h11": "apriltag_36h11"}
 """OpenCV's dictionaries, and the marker families that are made of them."""
@@ -68,7 +70,8 @@ class TrackingRow:
         frames: name of the pictures.
         ms_per_frame: median time per picture.
         detected_share: share of the markers that it found and named.
-        wrong_ids: wrong names, in all pictures together.
+        wrong_ids: markers with another's name, in all pictures together.
+        false_ids: names where no marker is.
         position_rms_px: root mean square distance to the truth, in x and y together.
     """
 
@@ -78,6 +81,7 @@ class TrackingRow:
     ms_per_frame: float
     detected_share: float
     wrong_ids: int
+    false_ids: int
     position_rms_px: float
 
 
@@ -150,9 +154,12 @@ def _invite(pictures: int, walk: int, say: Say) -> tuple[list[Contestant], Conte
                     ARUCO_FASTEST, squares, opencv(dictionary, False, _TUNED_WINDOW_PX), threads
                 ),
             ]
-        if dictionary.startswith("DICT_APRILTAG") and is_installed():
+        if dictionary.startswith("DICT_APRILTAG"):
             contestants += [
-                AprilTag(APRILTAG, squares, 2.0, threads) for threads in (1, MAX_THREADS)
+                Apart(name, squares, library, threads)
+                for library, name in OTHERS.items()
+                for threads in ((1, MAX_THREADS) if name == APRILTAG else (1,))
+                if is_installed(library)
             ]
     contestants += _plans(moving)
     return contestants, _shared(OURS, spread)
@@ -196,7 +203,7 @@ def _plans(moving: FrameSet) -> Iterator[Contestant]:
 
 def judge(contestant: Contestant, times: list[float], found: list[FoundTags]) -> TrackingRow:
     """Compares what was found with the truth."""
-    present = named = wrong = 0
+    present = named = wrong = false = 0
     squares: list[float] = []
     for truth, seen in zip(contestant.frames.truth, found, strict=True):
         present += len(truth.tags)
@@ -206,8 +213,10 @@ def judge(contestant: Contestant, times: list[float], found: list[FoundTags]) ->
             if gap < _MATCH_PX:
                 named += 1
                 squares.append(float(gap) ** 2)
-            else:
+            elif np.hypot(*(truth.centres_px - centre).T).min(initial=np.inf) < _MATCH_PX:
                 wrong += 1
+            else:
+                false += 1
     return TrackingRow(
         detector=contestant.name,
         frames=contestant.frames.name,
@@ -215,6 +224,7 @@ def judge(contestant: Contestant, times: list[float], found: list[FoundTags]) ->
         ms_per_frame=float(np.median(times)),
         detected_share=named / present if present else 1.0,
         wrong_ids=wrong,
+        false_ids=false,
         position_rms_px=float(np.sqrt(np.mean(squares))) if squares else float("nan"),
     )
 
@@ -267,7 +277,7 @@ def _report(
 
 def table(report: dict[str, Any]) -> str:
     """Returns the detectors' report for a person."""
-    titles = ("detector", "frames", "threads", "ms/frame", "detected", "wrong ids", "rms px")
+    titles = ("detector", "frames", "threads", "ms/frame", "found", "wrong", "false", "rms px")
     lines = [titles]
     for row in report["rows"]:
         lines.append(
@@ -278,6 +288,7 @@ def table(report: dict[str, Any]) -> str:
                 f"{row['ms_per_frame']:.2f}",
                 f"{100.0 * row['detected_share']:.2f} %",
                 str(row["wrong_ids"]),
+                str(row["false_ids"]),
                 f"{row['position_rms_px']:.3f}",
             )
         )

@@ -47,6 +47,7 @@ void begin(struct world *w, uint32_t seed)
     w->timestep_ns = TIMESTEP_NS;
     CHECK(vs_session_init(&w->session, &config) == VS_OK);
     CHECK(vs_table_add(&w->session.table, 1, VS_SENSOR, "pollutant", "f4") == VS_OK);
+    w->session.peer.tx_sequence = 2; /* the first packets go by TCP, too */
     vs_loop_init(&w->loop, &w->session, &runner, &w->state);
     vs_guard_init(&w->guard, 1);
     stepped_ns = 0;
@@ -149,6 +150,7 @@ int turning(const struct world *w)
 static void check_always(struct world *w)
 {
     struct vs_telemetry telemetry;
+    enum vs_telling telling;
     uint64_t now_ns = w->now.base_ns;
     uint64_t mend_ns = w->fault_one_in ? 2 * LATE_NS + SILENT_NS + RECOVER_NS : 0;
 
@@ -171,8 +173,17 @@ static void check_always(struct world *w)
         w->steps++;
         CHECK(w->loop.step.number == w->steps);
     }
-    if (vs_loop_telemetry(&w->loop, &w->now, &telemetry)) {
+    telling = vs_loop_telemetry(&w->loop, &w->now, &telemetry);
+    CHECK(telling != VS_TELL_AGAIN || w->told_cause == vs_loop_cause(&w->loop, &w->now));
+    CHECK(telling != VS_TELL_AGAIN || w->told_run == w->session.run);
+    if (telling != VS_TELL_NOTHING) {
+        CHECK(telling == VS_TELL_NEWS || !w->copied);
+        w->copied = telling == VS_TELL_AGAIN;
         w->telemetry_ns = now_ns;
+    }
+    if (telling == VS_TELL_NEWS) {
+        w->told_cause = telemetry.stop_cause;
+        w->told_run = w->session.run;
         CHECK(telemetry.stop_cause != VS_CAUSE_NONE || telemetry.state == VS_RUN ||
               telemetry.state == VS_HOME);
         CHECK(telemetry.state != VS_RUN || w->session.wanted == VS_RUN);

@@ -43,6 +43,9 @@ struct world {
     uint64_t fresh_ns;           /* newest frame whose capture advanced */
     uint64_t wished_ns;          /* when the host last forbade motion, 0 = it wants it */
     uint64_t telemetry_ns;
+    uint32_t told_cause;         /* by the newest telemetry that was no copy */
+    uint32_t told_run;
+    int copied;                  /* the newest telemetry was one */
     uint64_t last_step_ns;
     uint64_t begun_ns;           /* when that step began */
     uint32_t steps;

@@ -6,6 +6,8 @@
  */
 #include "robot_life.h"
 
+#include "vs_bytes.h"
+
 static void test_steps_follow_timesteps(void)
 {
     struct world w;
@@ -281,13 +283,82 @@ static void test_completed_steps(void)
     good_host(&w, 1000 * MS);
     while (!w.loop.acting)
         good_host(&w, MS);
-    w.loop.telemetry_due = 1;
+    w.loop.telemetry_due = VS_TELL_NEWS;
     CHECK(vs_loop_telemetry(&w.loop, &w.now, &telemetry));
     CHECK(telemetry.control_step == w.loop.step.number - 1);
     good_host(&w, 20 * MS);
-    w.loop.telemetry_due = 1;
+    w.loop.telemetry_due = VS_TELL_NEWS;
     CHECK(vs_loop_telemetry(&w.loop, &w.now, &telemetry));
     CHECK(telemetry.control_step == w.loop.step.number);
+}
+
+/* Lives for a while; returns how the host was told at the end of it. */
+static enum vs_telling told_after(struct world *w, uint64_t ns)
+{
+    struct vs_telemetry telemetry;
+
+    w->now.base_ns += ns;
+    w->now.session_ns += ns;
+    return vs_loop_telemetry(&w->loop, &w->now, &telemetry);
+}
+
+/* What is told leaves twice, and no third time; what has changed never waits for a copy. */
+static void test_telemetry_leaves_twice(void)
+{
+    struct world w;
+
+    begin(&w, 9);
+    open_session(&w);
+    CHECK(told_after(&w, 0) == VS_TELL_NEWS && told_after(&w, 0) == VS_TELL_NOTHING);
+    CHECK(told_after(&w, 80 * MS) == VS_TELL_AGAIN && told_after(&w, 0) == VS_TELL_NOTHING);
+    CHECK(told_after(&w, 80 * MS) == VS_TELL_NEWS && told_after(&w, 80 * MS) == VS_TELL_AGAIN);
+    CHECK(told_after(&w, 80 * MS) == VS_TELL_NEWS);
+    w.session.wanted = VS_PAUSE; /* of this it has to hear at once, though the wheels stand still */
+    CHECK(told_after(&w, 80 * MS) == VS_TELL_NEWS);
+    w.session.run++;
+    CHECK(told_after(&w, 80 * MS) == VS_TELL_NEWS);
+    vs_log_add(&w.loop.robot.log, "one");
+    CHECK(told_after(&w, 80 * MS) == VS_TELL_NEWS && told_after(&w, 80 * MS) == VS_TELL_AGAIN);
+    CHECK(told_after(&w, 80 * MS) == VS_TELL_NEWS);
+    vs_log_heard(&w.loop.robot.log, 1);
+    CHECK(told_after(&w, 80 * MS) == VS_TELL_NEWS && told_after(&w, 80 * MS) == VS_TELL_AGAIN);
+    CHECK(told_after(&w, 80 * MS) == VS_TELL_NEWS);
+    w.session.peer.session = 1;
+    w.session.peer.remote_no_udp = 1; /* TCP loses nothing */
+    CHECK(told_after(&w, 80 * MS) == VS_TELL_NEWS);
+    w.session.peer.session = 0;
+    CHECK(told_after(&w, 80 * MS) == VS_TELL_AGAIN);
+}
+
+/* A reading of the robot's own goes up with how long ago it was set, until another run begins. */
+static void test_readings_go_up_with_their_age(void)
+{
+    struct vs_telemetry telemetry;
+    struct world w;
+    int own;
+
+    begin(&w, 10);
+    CHECK(vs_table_add(&w.session.table, 2, VS_ACTUATOR, "pump", "u1") == VS_OK);
+    CHECK(vs_table_add(&w.session.table, 3, VS_READING, "own", "2*u1") == VS_OK);
+    open_session(&w);
+    CHECK(vs_loop_telemetry(&w.loop, &w.now, &telemetry) == VS_TELL_NEWS);
+    CHECK(memcmp(telemetry.payload, "\0\xff\xff\xff\xff\0\0", 7) == 0);
+    own = vs_robot_actuator(&w.loop.robot, "own");
+    w.loop.robot.session_ns = w.now.session_ns;
+    vs_robot_actuate(&w.loop.robot, own, 1, 7.0);
+    w.now.session_ns += 30 * MS + 999;
+    w.loop.telemetry_due = VS_TELL_NEWS;
+    CHECK(vs_loop_telemetry(&w.loop, &w.now, &telemetry) == VS_TELL_NEWS);
+    CHECK(memcmp(telemetry.payload, "\0\x30\x75\0\0\0\x07", 7) == 0);
+    w.now.session_ns += 4294967 * UINT64_C(1000000000); /* longer ago than can be said */
+    w.loop.telemetry_due = VS_TELL_NEWS;
+    CHECK(vs_loop_telemetry(&w.loop, &w.now, &telemetry) == VS_TELL_NEWS);
+    CHECK(vs_load_u32(telemetry.payload + 1) == VS_NEVER_US);
+    vs_robot_actuate(&w.loop.robot, own, 1, 8.0);
+    vs_robot_forget(&w.loop.robot);
+    w.loop.telemetry_due = VS_TELL_NEWS;
+    CHECK(vs_loop_telemetry(&w.loop, &w.now, &telemetry) == VS_TELL_NEWS);
+    CHECK(memcmp(telemetry.payload, "\0\xff\xff\xff\xff\0\0", 7) == 0);
 }
 
 /* What a controller did with its actuators ends with its experiment, not with a session. */
@@ -403,6 +474,8 @@ int main(int argc, char *argv[])
     test_speed_limit();
     test_slow_takes_motion_away_only();
     test_completed_steps();
+    test_telemetry_leaves_twice();
+    test_readings_go_up_with_their_age();
     test_actuators_end_with_their_experiment();
     test_ping_delays_no_step();
     test_speed_limit_is_the_base_s();

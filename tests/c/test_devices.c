@@ -7,7 +7,7 @@
 #include "check.h"
 #include "vs_camera.h"
 #include "vs_hearing.h"
-#include "vs_loop_step.h"
+#include "vs_cxx_step.h"
 #include "vs_proximity.h"
 
 #define PI 3.14159265358979323846
@@ -110,8 +110,10 @@ static void messages_are_heard(int speaking, int shuffled)
     struct vs_random random = {draw_share, NULL, draw_share, NULL};
     double places_m[3 * ROBOTS], readings[ROBOTS * HEARD];
     uint32_t counts[ROBOTS], i, j, k;
+    uint8_t lines[ROBOTS * ROBOTS];
     struct vs_hearing how = {&s->world, messages, &random, 0.3, 2.0 * PI, 0.052, shuffled, speaking,
-                             MOST, SIZE, 0.0, 0.035, shuffled, 0.0, 0, places_m, heard, counts};
+                             MOST, SIZE, 0.0, 0.035, shuffled, 0.0, 0, places_m, heard, counts,
+                             draw(0.0, 1.0) < 0.5 ? lines : NULL};
 
     begin(s);
     memset(messages, 0, sizeof messages);
@@ -233,7 +235,7 @@ static char called[64];
 static double given[3];
 
 static void call(const char *text, size_t size, const double *numbers, size_t count,
-                 struct vs_loop_answer *answer)
+                 struct vs_cxx_answer *answer)
 {
     CHECK(size < sizeof called && count == 3);
     memcpy(called, text, size);
@@ -248,18 +250,18 @@ static void loop_functions_are_told_the_clock_and_the_places(void)
     uint8_t row[ROW] = {0}, colors[2] = {1, 2}, told[2] = {1, 2};
     double place[3] = {1.0, -2.0, 0.5}, places[3];
     struct vs_world world = {&fields, row, 1, 1, NULL, 0};
-    struct vs_loop loop = {call, {NULL, 0, NULL, 0}, note, {40, 41, 42, 43}, &world, places, colors,
+    struct vs_cxx loop = {call, {NULL, 0, NULL, 0}, note, {40, 41, 42, 43}, &world, places, colors,
                            told, 2, 1, NULL, NULL};
 
     memcpy(row + fields.place, place, sizeof place);
-    CHECK(vs_loop_step(&loop, VS_LOOP_PRE_STEP, 12, 4294967295u) == VS_OK);
+    CHECK(vs_cxx_step(&loop, VS_CXX_PRE_STEP, 12, 4294967295u) == VS_OK);
     CHECK(strcmp(called, "PreStep\nclock\t4294967295") == 0 && memcmp(given, place, 24) == 0);
     CHECK(note[0] == 12 && note[1] == 0 && note[2] == 5);
-    CHECK(vs_loop_step(&loop, VS_LOOP_IS_FINISHED, 13, 0) == VS_OK);
+    CHECK(vs_cxx_step(&loop, VS_CXX_IS_FINISHED, 13, 0) == VS_OK);
     CHECK(strcmp(called, "IsExperimentFinished\nclock\t0") == 0);
-    CHECK(vs_loop_step(&loop, VS_LOOP_POST_STEP, 13, 10) == VS_LOOP_SAID);
+    CHECK(vs_cxx_step(&loop, VS_CXX_POST_STEP, 13, 10) == VS_CXX_SAID);
     colors[1] = 3;
-    CHECK(vs_loop_step(&loop, VS_LOOP_POST_STEP, 14, 11) == VS_LOOP_SHINES && note[0] == 13);
+    CHECK(vs_cxx_step(&loop, VS_CXX_POST_STEP, 14, 11) == VS_CXX_SHINES && note[0] == 13);
 }
 
 int main(void)

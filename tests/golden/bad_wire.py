@@ -22,7 +22,8 @@ def bad_frames() -> list[dict[str, Any]]:
         bad("iridia_client", "MAGIC", bytes(4)),
         bad("version_0", "VERSION", seal(1, GREETING, body, version=0)),
         bad("version_1", "VERSION", seal(1, GREETING, body, version=1)),
-        bad("version_3", "VERSION", seal(1, GREETING, body, version=3)),
+        bad("version_2", "VERSION", seal(1, GREETING, body, version=2)),
+        bad("version_4", "VERSION", seal(1, GREETING, body, version=4)),
         bad("type_0", "TYPE", seal(0, GREETING, body)),
         bad("type_7", "TYPE", seal(7, GREETING, body)),
         bad("length_0", "LENGTH", seal(1, GREETING, body, length=0)),
@@ -55,7 +56,7 @@ def bad_texts() -> list[dict[str, Any]]:
         "beyond": b"\xf4\x90\x80\x80",
         "cut": b"\xe2\x82",
     }
-    fixed = BODIES["HELLO"](HELLO)[:50]
+    fixed = BODIES["HELLO"](HELLO)[:54]
     bodies = {name: fixed + bytes([len(text)]) + text + b"\0\0\0" for name, text in texts.items()}
     return [bad(f"name_{name}", "TEXT", seal(1, GREETING, body)) for name, body in bodies.items()]
 
@@ -139,11 +140,12 @@ def bad_tables() -> list[dict[str, Any]]:
         carry("table_same_id", "DUPLICATE", b"\2" + a + row(1, 1, 4, "b", "f4")),
         carry("table_same_name", "DUPLICATE", b"\2" + a + row(2, 1, 4, "a", "f4")),
         carry("table_no_name", "TEXT", b"\1" + row(1, 0, 4, "", "f4")),
-        carry("table_direction_2", "BODY", b"\1" + row(1, 2, 4, "a", "f4")),
+        carry("table_direction_3", "BODY", b"\1" + row(1, 3, 4, "a", "f4")),
         carry("table_size_differs", "LAYOUT", b"\1" + row(1, 0, 8, "a", "f4")),
         carry("table_huge_count", "TABLE_SIZE", b"\1" + row(1, 0, 4, "a", "4294967297*u1")),
         carry("table_sensors_too_big", "TABLE_SIZE", b"\1" + row(1, 0, 1109, "a", "1109*u1")),
         carry("table_actuators_too_big", "TABLE_SIZE", b"\1" + row(1, 1, 684, "a", "684*u1")),
+        carry("table_readings_too_big", "TABLE_SIZE", b"\1" + row(1, 2, 680, "a", "680*u1")),
         *[carry(f"layout_{i}", "LAYOUT", table) for i, table in enumerate(layouts)],
     ]
 

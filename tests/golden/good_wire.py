@@ -35,9 +35,10 @@ MIXED = [
     [0, 0, "position", "2*i4"],
     [255, 1, "drops_total", "2*u4"],
     [9, 0, "räumlich", "i2"],
+    [7, 2, "own", "3*i2"],
 ]
-FULL = [[1, 0, "map", "1108*u1"], [2, 1, "notes", "683*u1"]]
-WIDE = [[i, i % 2, f"{'entry':x<28}{i:03d}", "2*i2"] for i in range(32)]
+FULL = [[1, 0, "map", "1108*u1"], [2, 1, "notes", "641*u1"], [3, 2, "own", "38*u1"]]
+WIDE = [[i, i % 3, f"{'entry':x<28}{i:03d}", "2*i2"] for i in range(32)]
 
 HELLO = {
     "uid": bytes(range(16)).hex(),
@@ -47,6 +48,8 @@ HELLO = {
     "tag": 23,
     "capabilities": 0,
     "params_room": 4096,
+    "entries_room": 32,
+    "datagram_room": 1200,
     "name": "epuck_23",
     "controller": "pollutant",
     "version": "0.1.0",
@@ -109,8 +112,10 @@ def hellos() -> list[dict[str, Any]]:
     name = "é" * 15 + "x"
     longest = dict(HELLO, tag=65535, capabilities=65535, name=name, controller="c" * 31)
     longest |= {"started": 2**64 - 1, "uptime_s": 2**32 - 1, "params_room": 65535}
+    longest |= {"entries_room": 65535, "datagram_room": 65535}
     longest |= {"version": "v" * 31, "hash": "f" * 31}
-    empty = dict(HELLO, params_room=0, name="", controller="", version="", hash="")
+    small = dict(HELLO, params_room=0, entries_room=8, datagram_room=512)
+    empty = dict(small, name="", controller="", version="", hash="")
     return [
         good("hello", "HELLO", GREETING, HELLO),
         good("hello_longest_names", "HELLO", EXTREME, longest),
@@ -160,7 +165,8 @@ def states() -> list[dict[str, Any]]:
 
 
 def reports() -> list[dict[str, Any]]:
-    mixed = dict(REPORT, battery_low=1, payload="0000204103000000ffffffff")
+    own = struct.pack("<I3h", 7_500, -1, 32767, -32768).hex()
+    mixed = dict(REPORT, battery_low=1, payload="0000204103000000ffffffff" + own)
     largest = dict(
         REPORT,
         state=3,

@@ -14,7 +14,7 @@ from typing import Any
 
 from bad_wire import bads
 from good_wire import EMPTY, FULL, GREETING, HEADER, HELLO, MIXED, POLLUTANT, REPORT, WIDE, goods
-from plain_encoder import BODIES, TYPES, seal, siphash, table_bytes
+from plain_encoder import BODIES, TYPES, chaskey, seal, table_bytes
 
 
 def vectors() -> dict[str, Any]:
@@ -33,13 +33,13 @@ def keyed_session() -> dict[str, str]:
     head = HEADER | {"table_hash": zlib.crc32(table_bytes(table))}
     greeting = dict(HELLO, capabilities=1)
     hello = seal(TYPES["HELLO"], GREETING, BODIES["HELLO"](greeting), key=root)
-    answer = siphash(root, b"A" + hello[-16:])
+    answer = chaskey(root, b"A" + hello[-16:])
     nonce = bytes(range(0xC0, 0xD0)).hex()
     offer = {"nonce": nonce, "timestep_us": 100_000, "seed": 5, "params": "", "table": table}
     first = head | {"sequence": 0, "run": 0, "timestep": 0, "capture_ns": 0}
     welcome = seal(TYPES["WELCOME"], first, BODIES["WELCOME"](offer), key=answer)
     refuse = seal(TYPES["REFUSE"], GREETING, BODIES["REFUSE"]({"code": 1, "text": ""}), key=answer)
-    down, up = (siphash(root, way + hello[-16:] + welcome[-16:]) for way in (b"D", b"U"))
+    down, up = (chaskey(root, way + hello[-16:] + welcome[-16:]) for way in (b"D", b"U"))
     run = {"wanted": 1, "from_timestep": 0, "log_heard": 0, "goal": [0, 0, 0], "values": values}
     state = seal(TYPES["STATE"], head, BODIES["STATE"](run), key=down)
     telemetry = seal(TYPES["TELEMETRY"], head, BODIES["TELEMETRY"](REPORT), key=up)

@@ -1,4 +1,4 @@
-"""Protocol version 2 as PROTOCOL.md words it, with struct alone, none of our code."""
+"""Protocol version 3 as PROTOCOL.md words it, with struct alone, none of our code."""
 
 from __future__ import annotations
 
@@ -45,14 +45,14 @@ def seal(kind: int, header: dict[str, int], body: bytes, **broken: Any) -> bytes
     start = struct.pack(
         "<HBBHHIIIIQQQII",
         broken.get("magic", 0x5356),
-        broken.get("version", 2),
+        broken.get("version", 3),
         kind,
         header["flags"],
         length,
         *[header[name] for name in HEADER_FIELDS],
     )
     packet = start + body
-    tag = siphash(broken.get("key", PUBLISHED), packet)
+    tag = chaskey(broken.get("key", PUBLISHED), packet)
     return packet + bytes(have ^ change for have, change in zip(tag, broken.get("tag", bytes(16))))
 
 
@@ -60,41 +60,41 @@ PUBLISHED = b"vsense, insecure"
 """The key of those that have none."""
 
 
-def siphash(key: bytes, data: bytes) -> bytes:
-    """SipHash-2-4 with 128 bits, as its paper defines it, one step after the other."""
-    mask = 2**64 - 1
-
-    def rounds(v: list[int], count: int) -> None:
-        for _ in range(count):
-            for a, b, turn, lift in ((0, 1, 13, 32), (2, 3, 16, 0), (0, 3, 21, 0), (2, 1, 17, 32)):
-                v[a] = (v[a] + v[b]) & mask
-                v[b] = rotated(v[b], turn) ^ v[a]
-                v[a] = rotated(v[a], lift)
+def chaskey(key: bytes, data: bytes) -> bytes:
+    """Chaskey-12 with all 128 bits, as its paper defines it: numbers of 128 bits, algorithm 1."""
 
     def rotated(value: int, bits: int) -> int:
-        return (value << bits | value >> (64 - bits)) & mask
+        return (value << bits | value >> (32 - bits)) & 0xFFFFFFFF
 
-    k = struct.unpack("<2Q", key)
-    names = (b"somepseu", b"dorandom", b"lygenera", b"tedbytes")
-    v = [int.from_bytes(name, "big") ^ k[i % 2] for i, name in enumerate(names)]
-    v[1] ^= 0xEE
-    padded = data + bytes(7 - len(data) % 8) + bytes([len(data) % 256])
-    for (word,) in struct.iter_unpack("<Q", padded):
-        v[3] ^= word
-        rounds(v, 2)
-        v[0] ^= word
-    tag = b""
-    for place, flip in ((2, 0xEE), (1, 0xDD)):
-        v[place] ^= flip
-        rounds(v, 4)
-        tag += struct.pack("<Q", v[0] ^ v[1] ^ v[2] ^ v[3])
-    return tag
+    def permuted(block: int) -> int:
+        v = [block >> 32 * i & 0xFFFFFFFF for i in range(4)]
+        for _ in range(12):
+            for a, b, turn, lift in ((0, 1, 5, 16), (2, 3, 8, 0), (0, 3, 13, 0), (2, 1, 7, 16)):
+                v[a] = (v[a] + v[b]) & 0xFFFFFFFF
+                v[b] = rotated(v[b], turn) ^ v[a]
+                v[a] = rotated(v[a], lift)
+        return sum(word << 32 * i for i, word in enumerate(v))
+
+    def times_x(value: int) -> int:
+        return (value << 1) ^ (value >> 127) * (1 << 128 | 0x87)
+
+    k = int.from_bytes(key, "little")
+    whole = len(data) > 0 and len(data) % 16 == 0
+    last_key = times_x(k) if whole else times_x(times_x(k))
+    padded = data if whole else data + b"\1" + bytes(15 - len(data) % 16)
+    blocks = [int.from_bytes(padded[i : i + 16], "little") for i in range(0, len(padded), 16)]
+    h = k
+    for block in blocks[:-1]:
+        h = permuted(h ^ block)
+    return (permuted(h ^ blocks[-1] ^ last_key) ^ last_key).to_bytes(16, "little")
 
 
 def hello(m: dict[str, Any]) -> bytes:
-    numbers = [m[key] for key in ("started", "uptime_s", "tag", "capabilities", "params_room")]
+    names = "started", "uptime_s", "tag", "capabilities"
+    rooms = "params_room", "entries_room", "datagram_room"
+    numbers = [m[key] for key in (*names, *rooms)]
     texts = [text8(m[key]) for key in ("name", "controller", "version", "hash")]
-    start = bytes.fromhex(m["uid"]) + bytes.fromhex(m["nonce"]) + struct.pack("<QIHHH", *numbers)
+    start = bytes.fromhex(m["uid"]) + bytes.fromhex(m["nonce"]) + struct.pack("<QIHHHHH", *numbers)
     return start + b"".join(texts)
 
 

@@ -13,7 +13,17 @@ from packaging.requirements import Requirement
 
 from tests.rigs.places import ROOT
 
-EXTRAS = ("cluster", "completion", "foxglove", "https", "record", "report", "tables", "web")
+EXTRAS = (
+    "cluster",
+    "completion",
+    "foxglove",
+    "https",
+    "learn",
+    "record",
+    "report",
+    "tables",
+    "web",
+)
 """All that users can ask for but the compiler, which is pinned."""
 
 _MADE = ("__pycache__", "*.so", "*.egg-info", "build", "dist", "runs", "PKG-INFO", "setup.cfg")

@@ -21,7 +21,7 @@ HOST = C_SRC / "host"
 PICTURES = [
     HOST / f"vs_{part}.c"
     for part in (
-        *("math", "lens", "levels", "scan", "shape", "outline", "edges"),
+        *("math", "lens", "levels", "scan", "shape", "corners", "outline", "edges"),
         *("sums", "words", "square", "codes", "markers"),
     )
 ]
@@ -35,7 +35,7 @@ KERNEL_SUITES = {
     "test_leds": [*RAYS, HOST / "vs_leds.c"],
     "test_devices": [
         *RAYS,
-        *(HOST / f"vs_{part}.c" for part in ("camera", "hearing", "hearing_noise", "libm", "loop")),
+        *(HOST / f"vs_{part}.c" for part in ("camera", "hearing", "hearing_noise", "libm", "cxx")),
         *(HOST / f"vs_{part}.c" for part in ("noticed", "proximity")),
     ],
     "test_world": [
@@ -46,7 +46,7 @@ KERNEL_SUITES = {
     "test_sim": [
         *RAYS,
         *PHYSICS[1:],
-        *(HOST / f"vs_{p}.c" for p in ("world", "scene", "field", "slip", "loop", "sim")),
+        *(HOST / f"vs_{p}.c" for p in ("world", "scene", "field", "slip", "cxx", "sim")),
     ],
 }
 """C test -> the kernel's files: none needs another kernel's."""
@@ -57,8 +57,8 @@ POLLUTANT = ROBOT / "controllers" / "pollutant.c"
 OWN = [ROBOT / f"{part}.c" for part in ("robot", "params", "leds", "log", "base_sensors", "number")]
 OWN += [C_SRC / "vs_format.c"]
 CALIBRATION = [ROBOT / "calibration.c"]
-MINDS = [ROBOT / f"{part}.c" for part in ("loop", "homing", "guard", "safety", "battery")]
-MINDS += [*CALIBRATION, *OWN]
+MINDS = [ROBOT / f"{part}.c" for part in ("loop", "telling", "homing", "guard", "safety")]
+MINDS += [ROBOT / "battery.c", *CALIBRATION, *OWN]
 BASES = [*ROBOT.glob("base*.c"), *C_SRC.glob("epuck_*.c"), *C_SRC.glob("vs_i2c*.c")]
 BASES += [ROBOT / "number.c", C_SRC / "vs_format.c", C_SRC / "vs_posix.c"]
 BASES += [*FIRMWARE.glob("*.c")]
@@ -95,7 +95,8 @@ ROBOT_SUITES = {
     "robot_homing": [ROBOT / "homing.c"],
     "robot_loop": [TESTS / "robot_life.c", *MINDS, *PROTOCOL],
     "robot_inprocess": [
-        *(ROBOT / f"{part}.c" for part in ("inprocess", "loop", "homing", "safety", "battery")),
+        *(ROBOT / f"{part}.c" for part in ("inprocess", "loop", "telling", "homing", "safety")),
+        ROBOT / "battery.c",
         *CALIBRATION,
         *OWN,
         *PROTOCOL,

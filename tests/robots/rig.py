@@ -81,7 +81,7 @@ class Host:
         silent: nothing is sent and nothing read any more.
         frozen: captures no longer advance, sequences do.
         udp: datagrams are sent and heard.
-        refuse: HELLO is answered with REFUSE.
+        refuse: HELLO is answered with REFUSE, or with these bytes.
         root: what the keys of its sessions are made of.
         answer: in place of that for its answers, None: as it should be.
         pollutant: payload of the first sensor.
@@ -95,7 +95,8 @@ class Host:
         self.wanted = Wanted.IDLE
         self.from_timestep = 0
         self.run = 1
-        self.silent = self.frozen = self.refuse = False
+        self.silent = self.frozen = False
+        self.refuse: bool | bytes = False
         self.root = PUBLISHED
         self.answer: bytes | None = None
         self.udp = True
@@ -224,7 +225,8 @@ class Host:
         if self.refuse:
             notice = Notice(RefuseCode.TAG_IN_USE, "robot 23 is here already")
             key = answer_key(self.answer or self.root, packet)
-            self._connection.sendall(encode(Header(PacketType.REFUSE), notice, key))
+            refuse = encode(Header(PacketType.REFUSE), notice, key)
+            self._connection.sendall(refuse if self.refuse is True else self.refuse)
             return
         self._session += 1
         self._peer.open(self._session, self.table, hello.send_ns, now_ns)

@@ -46,7 +46,7 @@ def test_the_boards_watchdog_is_looked_for_but_not_started(idle: Rig, check: Che
     _, said = check(watchdog="/dev/null")
     assert said["watchdog"] == "ok   /dev/null is there; whether it is free a start tells"
     status, said = check(watchdog="/nowhere/watchdog")
-    assert said["watchdog"].startswith("BAD  /nowhere/watchdog: No such file or directory; load")
+    assert said["watchdog"].startswith("BAD  /nowhere/watchdog: errno 2; load")
     assert status == 1
 
 
@@ -86,7 +86,7 @@ def test_nobody_listens(idle: Rig, check: Check) -> None:
     ("address", "words"),
     [
         ("localhost", "BAD  host: expected a numeric IPv4 address, got 'localhost'"),
-        ("255.255.255.255", "BAD  no way to 255.255.255.255: Permission denied; join"),
+        ("255.255.255.255", "BAD  no way to 255.255.255.255: errno 13; join"),
     ],
 )
 def test_no_way_to_the_host(check: Check, address: str, words: str) -> None:
@@ -99,7 +99,7 @@ def test_no_way_to_the_host(check: Check, address: str, words: str) -> None:
 def test_a_base_that_is_not_there(check: Check) -> None:
     status, said = check(base="argos:/nowhere/ttyS0")
     assert status == 1
-    assert said["base"].startswith("BAD  cannot open /nowhere/ttyS0: No such file or directory;")
+    assert said["base"].startswith("BAD  cannot open /nowhere/ttyS0: errno 2;")
 
 
 I2C_DEV = Path("/sys/class/i2c-dev")
@@ -124,7 +124,7 @@ def test_a_module_or_an_overlay_is_missing(
 ) -> None:
     status, said = check(base=base)
     assert status == 1
-    text = f"BAD  cannot open {device}: No such file or directory; "
+    text = f"BAD  cannot open {device}: errno 2; "
     assert said["base"].startswith(text) and words in said["base"]
 
 

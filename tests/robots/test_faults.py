@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 from collections.abc import Callable
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.rigs.places import ROOT
 from tests.rigs.processes import is_alive
 from tests.robots.conftest import Builder
 from tests.robots.rig import MS, Rig, S
@@ -230,6 +232,17 @@ def test_refusal_is_told_once_and_tried_again(rig: Rig) -> None:
     rig.host.refuse = True
     rig.wait_for(lambda: len(rig.host.hellos) >= 3, "three tries")
     wait_said(rig, 1, "the host refuses: robot 23 is here already")
+    rig.host.refuse = False
+    rig.run()
+
+
+def test_a_host_of_the_version_before_is_told_of_once(rig: Rig) -> None:
+    """What a host of version 2 said once to a greeting that is not its own's."""
+    recorded = json.loads((ROOT / "tests" / "golden" / "version_2.json").read_text())
+    rig.host.refuse = bytes.fromhex(recorded["refuse"])
+    rig.wait_for(lambda: len(rig.host.hellos) >= 3, "three tries")
+    wait_said(rig, 1, "the host refuses: it speaks another version of the protocol; bring this")
+    assert rig.daemon.said.count("'vsense robot deploy'; trying on") == 1
     rig.host.refuse = False
     rig.run()
 

@@ -275,7 +275,7 @@ def test_daemon_without_a_network_stops_the_wheels_and_waits_for_one(
     lost = ["--host", "255.255.255.255", "--port", "4050", "--tag", "23", "--insecure"]
     rig.daemons.append(Daemon(program, *lost, "--base", f"argos:{rig.device}"))
     rig.wait_for(lambda: not rig.moving, "standing wheels")
-    rig.wait_for(lambda: "no way to the host 255.255.255.255:" in rig.daemon.said, "a word")
+    rig.wait_for(lambda: "no way to 255.255.255.255:" in rig.daemon.said, "a word")
     rig.live_for(S)
     assert rig.daemon.process.poll() is None, "it waits for a network"
-    assert rig.daemon.said.count("no way to the host") == 1
+    assert rig.daemon.said.count("no way to") == 1

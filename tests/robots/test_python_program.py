@@ -12,9 +12,10 @@ import pytest
 
 from tests.rigs.places import DATA, ROOT
 from vsense import cli
-from vsense.base.errors import ConfigError
 from vsense.config.experiment import load
 from vsense.config.specs import Stage
+from vsense.robots import build
+from vsense.run.programs import told_programs
 
 SHIPPED = ROOT / "vsense" / "config" / "experiments"
 MOTH = (DATA / "python" / "moth.py").read_text()
@@ -152,10 +153,37 @@ def test_what_nobody_offers_is_refused_before_the_run(
     assert words in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("stage", [Stage.LAB, Stage.RUN])
-def test_robots_run_no_python(folder: Path, stage: Stage) -> None:
-    path = experiment(folder, MOTH)
-    with pytest.raises(ConfigError, match="drives simulated and virtual robots only") as caught:
-        load(str(path), stage=stage)
-    lines = path.read_text().splitlines()
-    assert "<phototaxis_controller" in lines[caught.value.line - 1]
+def test_an_edited_file_is_tried_again(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ("--set", "moth.enough=1", "--duration", 1, "-o", "out")
+    assert simulate(experiment(folder, MOTH), *words) == 0
+    other = MOTH.replace('robot.param("enough", 8.0, least=0)', "8.0")
+    assert simulate(experiment(folder, other), *words) == 2
+    assert "reads no parameter 'enough'; there are: least" in capsys.readouterr().err
+
+
+@pytest.mark.paced
+@pytest.mark.system
+def test_real_daemons_do_what_the_file_says(folder: Path) -> None:
+    words = "self.steps > 15 and robot.tag == 1843"
+    code = failing(words).replace("        1 / ", "        self.steps += 1\n        1 / ")
+    path = experiment(folder, code.replace("self.resting = False", "self.resting = self.steps = 0"))
+    assert cli.main(["lab", str(path), "--robots", "3", "--duration", "5", "-o", "out"]) == 1
+    summary = json.loads(Path("out/summary.json").read_text())
+    assert "failed in mid-run: robot 1843's controller (mine.py:" in summary["why"]
+    assert [part["controller"] for part in summary["parts"]] == [build.REMOTE] * 3
+    heads = {}
+    for tag in (31, 1843, 4334):
+        rows = [line.split() for line in Path(f"out/robots/{tag}.trace").read_text().splitlines()]
+        steps = [row for row in rows if row[0] == "step"]
+        wheels = [(int(r[r.index("left") + 1]), int(r[r.index("right") + 1])) for r in steps]
+        heads[tag] = [any(pair) for pair in wheels]
+    assert all(sum(moves) > 20 for tag, moves in heads.items() if tag != 1843)
+    assert any(heads[1843][:15]) and not any(heads[1843][-20:])
+
+
+def test_robots_are_built_with_what_the_host_drives(folder: Path) -> None:
+    program = load(str(experiment(folder, MOTH)), stage=Stage.RUN).controllers[0].program
+    (told,) = told_programs(load(str(folder / "mine.argos"), stage=Stage.RUN)).values()
+    assert told.name == build.REMOTE and len(told.hash) == 12
+    sources = build.source_tree().daemon(build.on_robots(program)).program.sources
+    assert [path.name for path in sources] == ["remote.c"]

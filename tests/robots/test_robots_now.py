@@ -89,6 +89,11 @@ def test_minutes_are_of_runs_that_tell() -> None:
     assert minutes_left(HISTORY, 24, 3.8, 3.4) is None
 
 
+def test_numbers_of_a_boards_system_become_words() -> None:
+    words = "Permission denied; No such file or directory; errnos 5"
+    assert boards.in_words("errno 13; errno 2; errnos 5") == words
+
+
 def test_without_a_run_boards_are_asked(known: Path) -> None:
     def call(command: Sequence[str]) -> tuple[int, str]:
         assert command[0] == "ssh" and "BatchMode=yes" in command

@@ -187,7 +187,7 @@ def test_daemon_does_without_a_watchdog_that_it_cannot_have(rigs: Rigs) -> None:
     rig = rigs("--watchdog", "/nowhere/watchdog")
     rig.start()
     rig.run()
-    words = "--watchdog /nowhere/watchdog: No such file or directory; going on without it"
+    words = "--watchdog /nowhere/watchdog: errno 2; going on without it"
     assert rig.daemon.said.count(words) == 1
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.rigs.lines import in_sight
 from vsense.base.arena import ArenaState
 from vsense.base.errors import VsenseError
 from vsense.config.experiment import load
@@ -200,7 +201,7 @@ def test_a_virtual_robot_moves_acts_and_senses_like_the_others(
     assert here.world.fields["trail"].total() > 5.0
     assert felt[0x10000] > 1.0 and here.world.leds[-1].tolist() == [255, 0, 0]
     eye, goal = np.array([[x_m, 0.4, 0.05]]), np.array([[x_m, 0.8, 0.05]])
-    assert not here.world.bodies().seen(eye, goal).any(), "it stands in the way of others"
+    assert not in_sight(eye, goal, here.world.bodies()).any(), "it stands in the way of others"
 
 
 def test_physical_virtual_and_moving_things_stop_a_virtual_robot(

@@ -56,6 +56,7 @@ class Echo:
 
     def __init__(self) -> None:
         self.lived: list[tuple[int, Mapping[int, bytes]]] = []
+        self.commands: dict[int, Any] = {}
 
     def step(
         self,

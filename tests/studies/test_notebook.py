@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -30,10 +32,10 @@ BLOCKS = re.findall(r"```python\n(.*?)```", PAGE, re.S)
 def test_the_page_runs_as_it_is(number: int, capsys: pytest.CaptureFixture[str]) -> None:
     exec(compile(BLOCKS[number], "page", "exec"), {})
     out, err = capsys.readouterr()
-    assert out.count("\n") == (4, 2)[number] and err == ""
+    assert out.count("\n") == (4, 2, 1, 1)[number] and err == ""
     # What stands behind a line as a comment is what it printed.
     said = re.findall(r"print\(.*\)\s*# ([({\[][^:]*[)}\]](?=$|:)|{.*})", BLOCKS[number], re.M)
-    assert len(said) == (3, 0)[number]
+    assert len(said) == (3, 0, 0, 0)[number]
     assert all(text in out for text in said)
 
 
@@ -66,7 +68,7 @@ def test_changing_makes_another_one() -> None:
     params = more.experiment.controllers[0].params
     assert (params["pull"], params["trail"], more.experiment.length_s) == ("0.2", "1", 10.0)
     assert first.experiment.controllers[0].params["pull"] == "0.05"
-    assert "foraging" in str(first) and first.name == "foraging"
+    assert "foraging" in str(first) and first.experiment.name == "foraging"
 
 
 def test_a_campaign_is_a_table_that_goes_on(capsys: pytest.CaptureFixture[str]) -> None:
@@ -95,6 +97,12 @@ def test_a_campaign_is_a_table_that_goes_on(capsys: pytest.CaptureFixture[str]) 
 def test_what_is_wrong_is_one_sentence(act, words: str) -> None:
     with pytest.raises(vsense.VsenseError, match=words):
         act()
+
+
+def test_loading_needs_no_opencv() -> None:
+    code = "import sys, vsense; vsense.load('foraging'); print('cv2' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"
 
 
 @pytest.mark.campaign

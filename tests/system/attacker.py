@@ -158,7 +158,7 @@ class Attacker:
     def _hear(self, kind: int, way: bytes, segment: bytes) -> None:
         source, target = struct.unpack_from("!HH", segment)
         data = segment[8:] if kind == UDP else segment[4 * (segment[12] >> 4) :]
-        if self.port not in (source, target) or data[:3] != b"VS\2" or len(data) < 72:
+        if self.port not in (source, target) or data[:3] != b"VS\3" or len(data) < 72:
             return
         with contextlib.suppress(WireError):
             packet = data[: packet_length(data) or len(data)]

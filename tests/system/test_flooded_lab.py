@@ -85,7 +85,7 @@ def test_strangers_on_two_ports_cost_nobody_anything(tmp_path: Path, room: None)
     kept = f"GET /?token=look-only-token HTTP/1.1\r\nHost: 127.0.0.1:{web}\r\n\r\n".encode()
     begun_s = time.monotonic()
     crowd = flood(web, [b"", HALF, kept])
-    crowd += flood(robots_port(lab), [b"", b"VS\2", bytes(40)])
+    crowd += flood(robots_port(lab), [b"", b"VS\3", bytes(40)])
     most = UNGREETED_MAX + _web_listener.UNVOUCHED_MAX + _web_listener.VOUCHED_MAX
     assert descriptors(lab) <= before + most
 

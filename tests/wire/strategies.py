@@ -75,7 +75,7 @@ def headers(kind: PacketType, table_hash: int | None = None) -> st.SearchStrateg
     )
 
 
-hellos = st.builds(Hello, uids, u16, *[texts(31)] * 4, uids, u64, u32, u16, u16)
+hellos = st.builds(Hello, uids, u16, *[texts(31)] * 4, uids, u64, u32, *[u16] * 4)
 welcomes = st.builds(
     Welcome,
     tables(),

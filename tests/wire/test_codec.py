@@ -156,7 +156,7 @@ def test_every_bit_flip_is_refused(
 @given(st.binary(max_size=16))
 def test_framing_is_bounded(data: bytes) -> None:
     try:
-        length = packet_length(b"VS\2" + data)
+        length = packet_length(b"VS\3" + data)
     except WireError as error:
         assert error.name in ("VS_ERR_TYPE", "VS_ERR_LENGTH")
     else:

@@ -66,7 +66,7 @@ def test_defect_05_values_carry_age_and_sequence() -> None:
 @given(st.integers(0, 2**16 - 1), st.integers(0, 2**16 - 1))
 def test_defect_07_sizes_from_the_wire_are_checked(length: int, params: int) -> None:
     """The original took a u32 from the wire and allocated it."""
-    prefix = b"VS\2\2\0\0" + struct.pack("<H", length)
+    prefix = b"VS\3\2\0\0" + struct.pack("<H", length)
     try:
         assert packet_length(prefix) == length <= PACKET_MAX
     except WireError as error:

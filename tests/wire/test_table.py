@@ -30,12 +30,22 @@ def test_any_bytes_give_a_table_or_one_named_error(data: bytes) -> None:
 
 @given(tables(most=32))
 def test_payloads_lie_side_by_side(table: Table) -> None:
-    for direction in Direction:
-        rows = table.of_direction(direction)
-        ends = [0, *[offset + size for _, offset, size in rows]]
-        assert [offset for _, offset, _ in rows] == ends[:-1]
-        total = table.cdata.sensor_bytes if direction == 0 else table.cdata.actuator_bytes
-        assert ends[-1] == total
+    ends = {True: 0, False: 0}
+    rows = {e.name: (at, n) for way in Direction for e, at, n in table.of_direction(way)}
+    for entry in table.entries:  # PROTOCOL.md, section 4: four bytes of age before a reading
+        goes_down, (offset, size) = entry.direction == Direction.SENSOR, rows[entry.name]
+        assert offset == ends[goes_down] + 4 * (entry.direction == Direction.READING)
+        ends[goes_down] = offset + size
+    cdata = table.cdata
+    assert (ends[True], ends[False]) == (cdata.sensor_bytes, cdata.actuator_bytes)
+
+
+def test_readings_of_the_robots_own_have_their_ages() -> None:
+    entries = [Entry(1, "pump", "u1", Direction.ACTUATOR), Entry(2, "seen", "f4")]
+    entries += [Entry(3, "own", "2*i2", Direction.READING), Entry(4, "mv", "u2", Direction(2))]
+    payload = b"\x07" + (7_500).to_bytes(4, "little") + b"wxyz" + b"\xff" * 4 + b"\0\0"
+    told = Table(entries).readings(payload)
+    assert told == {"own": (b"wxyz", 7_500), "mv": (b"\0\0", None)}
 
 
 @given(tables(most=32))
@@ -51,6 +61,7 @@ def test_entries_are_found_by_name(table: Table) -> None:
         ([Entry(1, "map", "1113*u1")], "VS_ERR_TABLE_SIZE", "sensor 'map' (1113*u1)"),
         ([Entry(1, "a", "556*u1"), Entry(2, "b", "553*u1")], "VS_ERR_TABLE_SIZE", "'b'"),
         ([Entry(1, "n", "539*u2", Direction.ACTUATOR)], "VS_ERR_TABLE_SIZE", "actuator 'n'"),
+        ([Entry(1, "n", "340*u2", Direction.READING)], "VS_ERR_TABLE_SIZE", "reading 'n'"),
         ([Entry(i, f"s{i}", "u1") for i in range(33)], "VS_ERR_TABLE_SIZE", "'s32'"),
         ([Entry(1, "a", "f8")], "VS_ERR_LAYOUT", "(f8)"),
         ([Entry(1, "a", "u1"), Entry(1, "b", "u1")], "VS_ERR_DUPLICATE", "'b'"),

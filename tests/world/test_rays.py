@@ -11,23 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from tests.rigs.lines import NOBODY, blocked, in_sight, nearest
 from vsense.base.native import WireError
 from vsense.world.entities import Box, Cylinder
-from vsense.world.rays import BODY, NOBODY, Bodies, disc_rows, entity_rows
+from vsense.world.rays import BODY, Bodies, disc_rows, entity_rows
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.void]
-
-
-def blocked(starts_m, ends_m, bodies: Bodies, skip=NOBODY) -> NDArray[np.bool_]:
-    """Asks bodies which lines touch one of them."""
-    return bodies.blocked(starts_m, ends_m, skip)
-
-
-def nearest(starts_m, ends_m, bodies: Bodies, skip=NOBODY) -> Floats:
-    """Asks bodies where lines touch the first of them."""
-    return bodies.nearest(starts_m, ends_m, skip)
-
 
 MARGIN_M = 1e-7
 """Bodies larger or smaller by this decide what is too close to call."""
@@ -90,11 +80,11 @@ def grown(rows: Rows, by_m: float) -> Rows:
 def agree(starts: Floats, ends: Floats, rows: Rows, skip: NDArray[np.int32]) -> int:
     """Holds the kernel between bodies a little larger and a little smaller; counts what is hit."""
     bodies = Bodies(rows)
-    shares = bodies.nearest(starts, ends, skip)
+    shares = nearest(starts, ends, bodies, skip)
     early = brute_force(starts, ends, grown(rows, MARGIN_M), skip)
     late = brute_force(starts, ends, grown(rows, -MARGIN_M), skip)
     assert (shares >= early - 1e-12).all() and (shares <= late + 1e-12).all()
-    hit = bodies.blocked(starts, ends, skip)
+    hit = blocked(starts, ends, bodies, skip)
     assert np.array_equal(hit, np.isfinite(shares))
     return int(hit.sum())
 
@@ -153,13 +143,13 @@ def test_lines_that_graze_touch(bodies, lines) -> None:  # type: ignore[no-untyp
     starts, ends = (np.array([line[k] for line in lines]) for k in (0, 1))
     nobody = np.full((len(lines), 1), NOBODY, dtype=np.int32)
     expected = brute_force(starts, ends, rows, nobody)
-    assert np.array_equal(Bodies(rows).blocked(starts, ends), np.isfinite(expected))
+    assert np.array_equal(blocked(starts, ends, Bodies(rows)), np.isfinite(expected))
 
 
 def test_a_line_of_no_length_is_a_point() -> None:
     rows = entity_rows([Cylinder("c", (0, 0, 0), 1.0, 1.0), Box("b", (5, 0, 0), (2, 2, 2))])
     points = np.array([(0, 0, 0.5), (0.99, 0, 1), (0, 0, 1.01), (2, 0, 0), (6, 1, 2), (5, 0, 2.1)])
-    shares = Bodies(rows).nearest(points, points)
+    shares = nearest(points, points, Bodies(rows))
     assert shares.tolist() == [0.0, 0.0, np.inf, np.inf, 0.0, np.inf]
 
 
@@ -167,16 +157,16 @@ def test_upright_lines() -> None:
     rows = disc_rows([0.0], [0.0], radius_m=0.5, height_m=1.0)
     starts = np.array([(0.0, 0.0, 3.0), (0.4, 0.0, 3.0), (0.6, 0.0, 3.0), (0.0, 0.0, 0.5)])
     ends = starts * [1, 1, 0] + [0, 0, -1.0]
-    shares = Bodies(rows).nearest(starts, ends)
+    shares = nearest(starts, ends, Bodies(rows))
     assert shares.tolist() == pytest.approx([0.5, 0.5, np.inf, 0.0])
 
 
 def test_nothing_stands_in_an_empty_world() -> None:
     bodies = Bodies(np.zeros(0, dtype=BODY))
-    assert not bodies.blocked([(0, 0, 0)], [(1, 1, 1)]).any()
+    assert not blocked([(0, 0, 0)], [(1, 1, 1)], bodies).any()
     absent = Bodies(disc_rows([0.5], [0.5], there=False))
-    assert not absent.blocked([(0, 0, 0)], [(1, 1, 0)]).any()
-    assert bodies.nearest(np.zeros((0, 3)), np.zeros((0, 3))).shape == (0,)
+    assert not blocked([(0, 0, 0)], [(1, 1, 0)], absent).any()
+    assert nearest(np.zeros((0, 3)), np.zeros((0, 3)), bodies).shape == (0,)
 
 
 def crowd(count: int, seed: int) -> tuple[Rows, Floats, Floats]:
@@ -226,9 +216,9 @@ def test_an_arena_moved_as_a_whole_keeps_its_lines(move: str) -> None:
     axes = axes if move == "shifted" else place(axes)
     moved["x_m"], moved["y_m"] = middles[:, 0], middles[:, 1]
     moved["cosine"], moved["sine"] = axes[:, 0], axes[:, 1]
-    before = Bodies(rows).nearest(starts, ends)
-    after = Bodies(moved).nearest(place(starts), place(ends))
-    clear = np.isfinite(Bodies(grown(rows, MARGIN_M)).nearest(starts, ends)) == np.isfinite(before)
+    before = nearest(starts, ends, Bodies(rows))
+    after = nearest(place(starts), place(ends), Bodies(moved))
+    clear = np.isfinite(nearest(starts, ends, Bodies(grown(rows, MARGIN_M)))) == np.isfinite(before)
     assert clear.mean() > 0.99
     assert after[clear] == pytest.approx(before[clear], abs=1e-9)
 
@@ -236,16 +226,16 @@ def test_an_arena_moved_as_a_whole_keeps_its_lines(move: str) -> None:
 def test_a_line_is_as_free_backwards() -> None:
     rows, starts, ends = crowd(100, 8)
     bodies = Bodies(rows)
-    assert np.array_equal(bodies.blocked(starts, ends), bodies.blocked(ends, starts))
+    assert np.array_equal(blocked(starts, ends, bodies), blocked(ends, starts, bodies))
 
 
 def test_a_robot_is_no_hindrance_to_itself() -> None:
     bodies = Bodies(disc_rows([0.0, 1.0, 2.0], [0.0, 0.0, 0.0]))
     starts, ends = np.array([(0.0, 0.0, 0.03)] * 4), np.array([(2.0, 0.0, 0.03)] * 4)
     skip = [(0, 2), (0, 1), (1, 2), (NOBODY, NOBODY)]
-    assert bodies.blocked(starts, ends, skip).tolist() == [True, True, True, True]
-    assert not bodies.blocked(starts[:1], [(0.9, 0.0, 0.03)], 0).any()
-    assert bodies.blocked(starts[:1], [(0.9, 0.0, 0.03)], 1).all()
+    assert blocked(starts, ends, bodies, skip).tolist() == [True, True, True, True]
+    assert not blocked(starts[:1], [(0.9, 0.0, 0.03)], bodies, 0).any()
+    assert blocked(starts[:1], [(0.9, 0.0, 0.03)], bodies, 1).all()
     without = Bodies(disc_rows([0.0, 1.0, 2.0], [0.0, 0.0, 0.0], there=[True, False, True]))
     assert not blocked(starts[:1], ends[:1], without, [(0, 2)]).any()
 
@@ -254,7 +244,7 @@ def test_seen_is_every_pair() -> None:
     rows, points, goals = crowd(80, 11)
     points, goals = points[:200], goals[:7]
     bodies, skip = Bodies(rows), np.arange(200) % 80
-    seen = bodies.seen(points, goals, skip)
+    seen = in_sight(points, goals, bodies, skip)
     for k, goal in enumerate(goals):
         ends = np.broadcast_to(goal, points.shape)
         assert np.array_equal(seen[:, k], ~blocked(points, ends, bodies, skip))
@@ -266,7 +256,7 @@ def test_points_close_together_see_what_each_alone_sees(seed: int, width_m: floa
     rows, places, goals = crowd(40, seed)
     points = np.repeat(places[:20], 24, axis=0) + random.uniform(0, width_m, (480, 3)) * [1, 1, 0.2]
     bodies, skip = Bodies(rows), random.integers(-1, len(rows), (480, 2))
-    seen = bodies.seen(points, goals[:4], skip)
+    seen = in_sight(points, goals[:4], bodies, skip)
     for k, goal in enumerate(goals[:4]):
         ends = np.broadcast_to(goal, points.shape)
         assert np.array_equal(seen[:, k], ~blocked(points, ends, bodies, skip))
@@ -282,7 +272,7 @@ def test_no_line_leaves_what_an_arena_can_hold(wrong: float) -> None:
         with pytest.raises(WireError, match="sight"):
             nearest(starts, ends, bodies)
         with pytest.raises(WireError, match="sight"):
-            bodies.seen(starts, ends)
+            in_sight(starts, ends, bodies)
     with pytest.raises(WireError, match="bodies"):
         Bodies(disc_rows([wrong], [0.0]))
 

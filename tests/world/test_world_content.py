@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from tests.rigs.lines import blocked
 from vsense.base.arena import ArenaState
 from vsense.world import Box, Cylinder, Floor, Light, VirtualRobot, World, Zone
 from vsense.world.entities import Arena, WorldError
@@ -21,7 +22,7 @@ SOURCE = PollutantSource(tag=22, direction_rad=0.0, wide_rad=1.0, max_distance_m
 
 
 def free(world: World, start: tuple[float, ...], end: tuple[float, ...], skip: int = -1) -> bool:
-    return not world.bodies().blocked([start], [end], skip)[0]
+    return not blocked([start], [end], world.bodies(), skip)[0]
 
 
 def test_virtual_robots_come_after_the_real_ones_and_are_always_seen(state: States) -> None:
@@ -181,5 +182,5 @@ def test_a_thousand_robots(state: States) -> None:
     assert world.robots["tag"].tolist() == list(reversed(range(1000)))
     assert world.robots["x_m"][0] == places[999][0] and world.robots["seen"].all()
     start, end = np.array([(-1.0, 0.1, 0.03)]), np.array([(11.0, 0.1, 0.03)])
-    assert not world.bodies().blocked(start, end)[0]
-    assert world.bodies().blocked(start - [0, 0.1, 0], end - [0, 0.1, 0])[0]
+    assert not blocked(start, end, world.bodies())[0]
+    assert blocked(start - [0, 0.1, 0], end - [0, 0.1, 0], world.bodies())[0]

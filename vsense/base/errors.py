@@ -19,6 +19,7 @@ EXTRAS = {
     "matplotlib": "report",
     "mcap": "record",
     "pandas": "tables",
+    "pettingzoo": "learn",
     "scipy": "report",
     "ziglang": "robot",
     "zstandard": "record",

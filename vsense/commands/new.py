@@ -34,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     text = "add a virtual sensor of your own, in Python, which the controller reads"
     _arguments.flag(parser, "--sensor", text)
-    text = "the controller is in Python: it drives simulated and virtual robots, no real ones"
+    text = "the controller is in Python, which runs on the host"
     _arguments.flag(parser, "--python", text)
 
 

@@ -14,9 +14,8 @@ from pathlib import Path
 from vsense.base.errors import UsageError, instead
 from vsense.base.xml.element import Element, shown
 from vsense.config import argos
-from vsense.config.specs import RobotSpec
 from vsense.robots import finding
-from vsense.robots.build import PYTHON_PAGE, BuildError, cache_directory, source_tree
+from vsense.robots.build import BuildError, cache_directory, source_tree
 from vsense.robots.compiling import CXX_SUFFIXES
 from vsense.robots.sources import (
     ARGOS_PAGE,
@@ -59,19 +58,6 @@ def read(element: Element, folder: Path, code: CodeOptions) -> tuple[str, Progra
         raise element.error(f"{missing}: {error.strerror}", "library") from None
     _check_label(element, program)
     return library, program
-
-
-def refuse_python(
-    real: Sequence[RobotSpec],
-    controllers: Sequence[Element],
-    read: Sequence[tuple[str, ProgramSources]],
-) -> None:
-    """Raises ConfigError where `real` robots have a controller that no robot can run."""
-    driven = {robot.controller for robot in real}
-    for element, (library, program) in zip(controllers, read):
-        if program.is_python and element.text("id") in driven:
-            words = f"{shown(library)} is Python, which drives simulated and virtual robots only"
-            raise element.error(f"{words}; see {PYTHON_PAGE}", "library")
 
 
 def _check_label(element: Element, program: ProgramSources) -> None:

@@ -198,7 +198,6 @@ def _read_controllers(
 ) -> tuple[ControllerSpec, ...]:
     controllers = _used_controllers(root.child("controllers"), bodies)
     read = [_programs.read(element, scope.folder, serves.code) for element in controllers]
-    _programs.refuse_python(() if serves.is_sim else bodies.robots, controllers, read)
     cpp = [argos.is_cpp(element, program) for element, program in zip(controllers, read)]
     settings = [_settings(controller, bodies) for controller in controllers]
     stage, virtual, _ = serves

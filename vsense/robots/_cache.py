@@ -25,8 +25,8 @@ from vsense.robots.sources import content
 
 _COMPILER = re.compile(r"(?:\w+-)*(?:gcc|g\+\+|clang|clang\+\+)(?:-[\d.]+)?")
 """A compiler's own name: what else is called so may be a script that calls any."""
-_SEARCHED = ("CPATH", "C_INCLUDE_PATH", "CPLUS_INCLUDE_PATH")
-"""Variables that say where compilers look for headers."""
+_SEARCHED = ("CXXFLAGS", "CPATH", "C_INCLUDE_PATH", "CPLUS_INCLUDE_PATH")
+"""Variables that may say where compilers look for headers."""
 _MOMENT_NS = 2_000_000_000
 
 
@@ -104,11 +104,15 @@ def version(toolchain: Toolchain) -> str:
 
 
 def dependencies(sources: Sources, toolchain: Toolchain) -> list[Path]:
-    """Its `dependencies`; those of code for ARGoS are found without a compiler."""
-    if sources.program.is_argos:
+    """Its `dependencies`; asked for each time where the user names other folders of headers.
+
+    Those of code for ARGoS are found without a compiler.
+    """
+    compilers = toolchain.command, toolchain.cxx
+    named = any(map(os.environ.get, _SEARCHED)) or any(len(words) > 1 for words in compilers)
+    if sources.program.is_argos or named:
         return sources.dependencies(toolchain)
     words = [*toolchain.command, *toolchain.flags, *toolchain.cxx, os.getcwd()]
-    words += [os.environ.get(name, "") for name in ("CXXFLAGS", *_SEARCHED)]
     words += map(str, (*sources.program.sources, *sources.includes))
     ask = lambda: [str(path) for path in sources.dependencies(toolchain)]  # noqa: E731
     found = known(["dependencies", version(toolchain), *words], ask, sources.includes)

@@ -1,35 +1,21 @@
-"""Controllers in Python, run in this process: C runs the robots, and the file decides.
-
-A control step is that of `CompiledProgram`: C has the sensors' ages, what of them is fused, the
-limits of what a robot may do and when it must stand. Before it, the file's class reads and sets.
-"""
+"""Controllers in Python, run in this process: a file's class decides for robots that C runs."""
 
 from __future__ import annotations
 
 import inspect
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-import numpy as np
-
 from vsense.base.errors import VsenseError, likely
 from vsense.base.users_code import UsersCode
-from vsense.robots import build
-from vsense.robots.inprocess import (
-    PROGRESS_BYTES,
-    CompiledProgram,
-    ControllerFailure,
-    ProgramKernel,
-    SimError,
-    functions,
-)
-from vsense.robots.link.table import Direction, Table
-from vsense.robots.link.wire import Wanted
+from vsense.robots import hosted
+from vsense.robots.hosted import HostedProgram
+from vsense.robots.inprocess import ControllerFailure, SimError
+from vsense.robots.link.table import Table
 from vsense.robots.python_robot import Robot
-from vsense.robots.python_swarm import HostedRobots, Swarm
 from vsense.robots.sources import ProgramSources
 
 ONE, ALL = "Controller", "SwarmController"
@@ -38,17 +24,15 @@ _METHODS = {"__init__": 2, "step": 2, "end": 1}
 """What they have, and how many arguments each takes, with itself."""
 _HOOKS = ("populate", "reset", "pre_step", "post_step", "end")
 """By which a file of loop functions is known."""
-_HOST, _PART = "stand_still", "hosted"
-"""The controller in C that leaves alone what its host sets, and the header of how it does."""
 
 
 def build_program(program: ProgramSources) -> Path:
     """Gives the file to be opened, when what it needs is built; raises as `build.shared`."""
-    build.shared(_HOST)
+    hosted.build_host()
     return program.sources[0]
 
 
-class PythonProgram(CompiledProgram):
+class PythonProgram(HostedProgram):
     """All robots of a run whose controller is a file in Python; see `CompiledProgram`.
 
     A robot whose controller raises an exception stands from then on, which is logged and is one of
@@ -70,26 +54,14 @@ class PythonProgram(CompiledProgram):
         Raises:
             SimError: it cannot be read, fails, or has no class that controls robots.
         """
-        progress = bytearray(PROGRESS_BYTES) if progress is None else progress
-        built = build.shared(_HOST)
-        self._name, self._failures = library.stem, dict[int, str]()
-        super().__init__(built, tags, table, timestep_ns, seed, params, progress)
+        self._failures = dict[int, str]()
+        super().__init__(library, tags, table, timestep_ns, seed, params, progress)
         self._code = UsersCode(library, _located)
         self._class, self._is_for_all = _class_of(self._code, self._code.load(_module(library)))
-        self._notes = np.frombuffer(progress, dtype=np.uint32)
-        counts = _counts(table, Direction.SENSOR), _counts(table, Direction.ACTUATOR)
-        runtime = HostedRobots(functions(built, _PART), self._all, len(self.tags))
-        self._swarm = Swarm(runtime, self.tags, timestep_ns * 1e-9, *counts)
         self._controllers: list[Any] | None = None
-        self._views = [self._swarm] if self._is_for_all else self._robots()
-
-    def _robots(self) -> list[Any]:
-        return [Robot(self._swarm, row) for row in range(len(self.tags))]
-
-    @property
-    def controller(self) -> str:
-        """The file's name."""
-        return self._name
+        self._views: list[Any] = [self.swarm]
+        if not self._is_for_all:
+            self._views = [Robot(self.swarm, row) for row in range(len(self.tags))]
 
     def begin(self) -> None:
         """See `Program.begin`."""
@@ -102,56 +74,41 @@ class PythonProgram(CompiledProgram):
         assert self._controllers is not None
         self._controllers[number] = self._class(self._views[number])
 
-    def decide(self, wanted: Wanted) -> None:
+    def act(self) -> None:
         """The file's part of a control step."""
-        if wanted is not Wanted.RUN:
-            return
-        if self._controllers is None:
-            self.begin()
-        self._hosted_sense()
-        self._swarm.steps += 1
-        self._notes[0] = self._now.timestep
         self._each(self._step_one)
-        self._swarm.send()
-
-    def _hosted_sense(self) -> None:
-        self._swarm.runtime.call("sense", self._now)
 
     def _step_one(self, number: int) -> None:
         assert self._controllers is not None
         self._controllers[number].step(self._views[number])
 
-    def _each(self, act: Any) -> None:
+    def _each(self, act: Callable[[int], None]) -> None:
         """Has the controllers that have not failed do something, and notes which does."""
         with self._code.beside():
             for number in range(len(self._views)):
                 if number in self._failures:
                     continue
-                self._notes[1] = number + 1
+                self.notes[1] = number + 1
                 try:
                     act(number)
                 except KeyboardInterrupt:
                     raise
                 except BaseException as error:
                     self._fail(number, error)
-        self._notes[1] = 0
+        self.notes[1] = 0
 
     def _fail(self, number: int, error: BaseException) -> None:
         words = str(self._code.caused(error))
         words = words.removeprefix(os.path.dirname(words.partition(":")[0]) + "/")
         self._failures[number] = words
         if self._is_for_all or len(self._failures) == len(self.tags):
-            raise ControllerFailure(self.tags[number], self._name, words) from error
-        self._swarm.rest(number)
-        self._swarm.log(number, f"its controller has failed: {words}")
+            raise ControllerFailure(self.tags[number], self.controller, words) from error
+        self.swarm.rest(number)
+        self.swarm.log(number, f"its controller has failed: {words}")
 
     def failures(self) -> dict[int, str]:
         """By tag why a controller has failed, whose robot stands since then."""
         return {self.tags[row]: words for row, words in self._failures.items()}
-
-    def kernel(self) -> ProgramKernel | None:
-        """Python decides in every timestep."""
-        return None
 
     def end(self) -> None:
         """See `Program.end`."""
@@ -163,11 +120,6 @@ class PythonProgram(CompiledProgram):
         assert self._controllers is not None
         self._controllers[number].end()
 
-    def complaints(self) -> list[str]:
-        """See `Program.complaints`."""
-        ours, theirs = f"controller '{_HOST}'", f"controller '{self._name}'"
-        return [line.replace(ours, theirs, 1) for line in super().complaints()]
-
 
 def _located(file: str, line: int, message: str) -> VsenseError:
     """Names a file as seen from the current folder, where that is shorter."""
@@ -176,12 +128,6 @@ def _located(file: str, line: int, message: str) -> VsenseError:
 
 def _module(file: Path) -> str:
     return f"vsense_controller_{file.stem}"
-
-
-def _counts(table: Table, direction: Direction) -> dict[str, int]:
-    """How many numbers the entries have, by name."""
-    layouts = {e.name: e.layout for e in table.entries if e.direction == direction}
-    return {n: int(layout.rpartition("*")[0] or 1) for n, layout in layouts.items()}
 
 
 def _class_of(code: UsersCode, module: ModuleType) -> tuple[type[Any], bool]:

@@ -15,6 +15,7 @@ OpenSSH of 2010 knows keys and ciphers only that OpenSSH does not use any more u
 from __future__ import annotations
 
 import importlib.util
+import os
 import platform
 import re
 import shutil
@@ -27,7 +28,7 @@ from pathlib import Path
 from vsense.base.errors import UsageError, pip_line
 from vsense.base.processes import python_module
 from vsense.robots._cache import with_parts
-from vsense.robots.build import cache_directory, source_tree
+from vsense.robots.build import cache_directory, on_robots, source_tree
 from vsense.robots.compiling import BuildError, Toolchain, native
 from vsense.robots.sources import ProgramSources
 
@@ -170,7 +171,7 @@ def build(controller: str | ProgramSources, target: str, output: Path) -> Built:
         BuildError: a source that does not compile, or it cannot be written.
     """
     tree = source_tree()
-    program = tree.program(controller)
+    program = on_robots(tree.program(controller))
     board = TARGETS[target]
     compiler = toolchain(board, cache_directory())
     sources = tree.daemon(program, plain=True)
@@ -267,6 +268,11 @@ def call_all(
     """Runs commands at once; gives what `call` gives of each."""
     with ThreadPoolExecutor(min(max(len(commands), 1), _MOST_ASKED)) as pool:
         return list(pool.map(call, commands))
+
+
+def in_words(said: str) -> str:
+    """What a daemon said, with the system's text in place of an error's number."""
+    return re.sub(r"\berrno (\d+)", lambda match: os.strerror(int(match[1])), said)
 
 
 def ssh_advice(destination: str, said: Sequence[str]) -> str | None:

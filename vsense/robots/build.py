@@ -84,13 +84,14 @@ SIMULATION_PARTS = ("hosted", "inprocess")
 FAST_PARTS = (
     *("vs_body", "vs_clock", "vs_peer", "vs_session", "vs_tag", "vs_wire"),
     *("epuck_argos", "epuck_bytes", "base", "base_serial"),
-    *("guard", "loop", "memory", "robot"),
+    *("guard", "loop", "memory", "robot", "telling"),
 )
 """What a control step runs through, of most instructions. All else is compiled to small code."""
 
 SHIPPED_CONTROLLER = "pollutant"
 
-PYTHON_PAGE = "vsense/EXTENDING.md, 'A controller in Python'"
+REMOTE = "remote"
+"""The shipped controller of robots that the host drives."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,14 +137,7 @@ class SourceTree:
         return ProgramSources((self.controller(controller, beside),))
 
     def daemon(self, program: ProgramSources, plain: bool = False) -> Sources:
-        """What a daemon with this controller is made of; `plain`: see `Sources`.
-
-        Raises:
-            BuildError: no robot can run it.
-        """
-        if program.is_python:
-            words = "is Python, which runs on no robot: it drives simulated and virtual robots"
-            raise BuildError(f"{program.sources[0]}: {words}; see {PYTHON_PAGE}")
+        """What a daemon with this controller is made of; `plain`: see `Sources`."""
         memory = sorted((self.root / "robot").glob("*.cpp"))
         own_cxx, folder = [*memory, *self._argos(program)], _cache_for(program)
         return Sources(
@@ -246,6 +240,11 @@ def own_sources() -> str:
     return digest.hexdigest()[:HASH_DIGITS]
 
 
+def on_robots(program: ProgramSources) -> ProgramSources:
+    """What robots run of it: where it is Python, the controller that the host drives."""
+    return source_tree().program(REMOTE) if program.is_python else program
+
+
 def daemon(
     controller: str | ProgramSources = SHIPPED_CONTROLLER, beside: Path | None = None
 ) -> Path:
@@ -263,7 +262,7 @@ def daemon(
         BuildError: no compiler, a source that does not compile, or no cache directory.
     """
     tree = source_tree()
-    program = tree.program(controller, beside)
+    program = on_robots(tree.program(controller, beside))
     shipped = (tree.controllers()[SHIPPED_CONTROLLER],)
     if program.sources == shipped and tree.prebuilt.is_file():
         return tree.prebuilt

@@ -353,7 +353,7 @@ class _Crew:
 
 def _lines(said: bytes) -> list[str]:
     lines = said.decode(errors="replace").splitlines()
-    return [printable(line) for line in lines if line.strip()]
+    return [boards.in_words(printable(line)) for line in lines if line.strip()]
 
 
 def _judge(robot: RobotHost, status: int, out: list[str], err: list[str]) -> Outcome:

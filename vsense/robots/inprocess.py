@@ -236,7 +236,7 @@ class CompiledProgram:
         self._point("values", readings.block)
         self._point("captures_ns", readings.captures_ns)
 
-    def kernel(self) -> ProgramKernel | None:
+    def kernel(self) -> ProgramKernel:
         """The robots as C steps them, with RUN in `from_timestep` as of the newest step."""
         now, address = self._now, _address
         return ProgramKernel(

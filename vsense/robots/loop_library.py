@@ -19,8 +19,8 @@ FUNCTIONS = (
 )
 """What can be called; the first two are the host's words for what comes before Init."""
 
-CALL = "void (*)(const char *, size_t, const double *, size_t, struct vs_loop_answer *)"
-"""The type of vs_loop_call."""
+CALL = "void (*)(const char *, size_t, const double *, size_t, struct vs_cxx_answer *)"
+"""The type of vs_cxx_call."""
 
 Colors = NDArray[np.uint8]
 
@@ -33,7 +33,7 @@ class LoopAddress(NamedTuple):
     """Where C calls loop functions in this process.
 
     Attributes:
-        call: the address of vs_loop_call.
+        call: the address of vs_cxx_call.
         note: (3,) uint32 memory where it is noted who runs.
         first_number: of FUNCTIONS, there.
     """
@@ -82,12 +82,12 @@ class LoopLibrary:
             CxxLoopError: that is not possible.
         """
         try:
-            function = ctypes.CDLL(str(library)).vs_loop_call
+            function = ctypes.CDLL(str(library)).vs_cxx_call
         except OSError as error:
             raise CxxLoopError(f"{library}: cannot be loaded: {error}") from None
         self._address = ctypes.cast(function, ctypes.c_void_p).value or 0
         self._call: Any = kernel_ffi.cast(CALL, self._address)
-        self._answer: Any = kernel_ffi.new("struct vs_loop_answer *")
+        self._answer: Any = kernel_ffi.new("struct vs_cxx_answer *")
         self.note = memoryview(bytearray(12)).cast("I")
 
     @property

@@ -18,7 +18,7 @@ STEP_FUNCTIONS = ("PreStep", "PostStep", "IsExperimentFinished")
 
 
 class LoopKernel:
-    """The functions as C calls them; `cdata` is a `struct vs_loop *`, `note` who runs (3,)."""
+    """The functions as C calls them; `cdata` is a `struct vs_cxx *`, `note` who runs (3,)."""
 
     def __init__(self, address: LoopAddress, hear: Callable[[str], None]) -> None:
         """`hear` takes what GetFloorColor has said; an error of it waits for `check`."""
@@ -45,7 +45,7 @@ class LoopKernel:
             "answers": 1,
             "hear": hears,
         }
-        self.cdata = kernel_ffi.new("struct vs_loop *", members)
+        self.cdata = kernel_ffi.new("struct vs_cxx *", members)
 
     @property
     def answer(self) -> str:
@@ -66,7 +66,7 @@ class LoopKernel:
 
     def painter(self) -> dict[str, Any]:
         """Who is asked for the floor's colours, as members of `struct vs_floor`."""
-        asked = kernel_ffi.addressof(kernels, "vs_loop_paint")
+        asked = kernel_ffi.addressof(kernels, "vs_cxx_paint")
         return {"ask": asked, "whom": self.cdata}
 
     def follow(self, world: World, told: NDArray[np.uint8]) -> Any:

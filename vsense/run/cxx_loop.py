@@ -179,7 +179,7 @@ class CxxLoopFunctions:
         self._hear("GetFloorColor", said)
 
     def kernel(self, world: World) -> Any:
-        """The `struct vs_loop *` that does both steps until an entity changes, where nothing is
+        """The `struct vs_cxx *` that does both steps until an entity changes, where nothing is
         said and nobody was moved; None: they have to be called."""
         same = self._shown.shape == world.led_colors.shape and self._all_names(world) == self._sent
         if self._kernel is None or self.moved or not same or not self.is_alive:

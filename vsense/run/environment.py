@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vsense.base.arena import ArenaState
-from vsense.base.readings import SwarmReadings
+from vsense.base.readings import SwarmReadings, TimedReadings
 from vsense.config.arena import floor_of, make_field
 from vsense.config.placement import settle
-from vsense.config.specs import ControllerSpec, Experiment
+from vsense.config.specs import ControllerSpec, Experiment, Stage
 from vsense.robots.link.table import Direction, Entry, Table
 from vsense.run.cxx_loop import CxxLoopFunctions, LoopHost
 from vsense.world.actuators.bank import NO_SENDERS, ActuatorBank
@@ -27,6 +27,7 @@ from vsense.world.world import World
 
 if TYPE_CHECKING:
     from vsense.run._virtual_swarm import VirtualSwarm
+    from vsense.run.remote import RemoteSwarm
 
 
 MOST_SEED = 2**32 - 1
@@ -93,7 +94,7 @@ class Environment:
         self.world = _world(settled, seed, self._loop)
         if self._loop is not None:
             self._loop.reset(self.world)
-        self._swarm = self._virtual_swarm()
+        self._swarm, self._remote = self._virtual_swarm(), self._remote_swarm()
 
     def _equipped(self) -> tuple[Equipment, ...]:
         """Equips all robots anew."""
@@ -137,13 +138,37 @@ class Environment:
 
         return VirtualSwarm(self.experiment, self.tables, self.seed)
 
-    def logged(self) -> Sequence[tuple[int, str]]:
-        """What driven virtual robots logged since the last call: tag, and what to say."""
-        return () if self._swarm is None else self._swarm.logged()
+    def _remote_swarm(self) -> RemoteSwarm | None:
+        experiment = self.experiment
+        controllers = {experiment.controller_of(robot).id for robot in experiment.robots}
+        own = [c for c in experiment.controllers if c.id in controllers and c.program.is_python]
+        if not own or experiment.stage is Stage.SIM:
+            return None
+        from vsense.run.remote import RemoteSwarm  # 20 ms
+
+        return RemoteSwarm(experiment, own, self.tables, self.seed)
+
+    @property
+    def wire_tables(self) -> dict[str, Table]:
+        """What the robots of each controller are told, by its id."""
+        return {**self.tables, **({} if self._remote is None else self._remote.tables)}
+
+    @property
+    def commands(self) -> Mapping[int, TimedReadings]:
+        """What robots that are driven from here are sent in place of what they sense, by tag."""
+        return {} if self._remote is None else self._remote.commands
+
+    def logged(self) -> list[tuple[str, str]]:
+        """What the controllers that run here logged since the last call: the robot, and words."""
+        said = () if self._swarm is None else self._swarm.logged()
+        words = [(f"virtual robot {tag}", text) for tag, text in said]
+        more = () if self._remote is None else self._remote.logged()
+        return [*words, *((f"robot {tag}", text) for tag, text in more)]
 
     def failed(self) -> list[str]:
-        """Which driven virtual robots' controllers have failed, and why, in words."""
-        return [] if self._swarm is None else self._swarm.failed()
+        """Which controllers that run here have failed, and why, in words."""
+        swarms = self._swarm, self._remote
+        return [text for swarm in swarms if swarm is not None for text in swarm.failed()]
 
     def said(self) -> Sequence[str]:
         """What the loop functions logged since the last call."""
@@ -169,7 +194,7 @@ class Environment:
         if self._loop is not None:
             self._loop = self._loop.renewed()
             self._loop.reset(self.world)
-        self._swarm = self._virtual_swarm()
+        self._swarm, self._remote = self._virtual_swarm(), self._remote_swarm()
 
     def following(self) -> Environment:
         """Gives the environment of the run after this one, whose seed is one more."""
@@ -201,7 +226,8 @@ class Environment:
         Raises:
             VsenseError: something in the virtual world has failed; the run cannot go on.
         """
-        world, swarm = self.world, self._swarm
+        world, swarm, remote = self.world, self._swarm, self._remote
+        reports = reports if remote is None else remote.hear(reports)
         if swarm is not None:
             swarm.move(world, state.capture_ns)
             reports = {**reports, **swarm.reports}
@@ -212,8 +238,9 @@ class Environment:
         readings = SwarmReadings(
             {part.controller: part.sensors.encode(world, state.timestep) for part in self.equipment}
         )
-        if swarm is not None:
-            swarm.control(state, run_timestep, readings)
+        for driven in (swarm, remote):
+            if driven is not None:
+                driven.control(state, run_timestep, readings)
         if run_timestep >= 0:
             self.post_step()
         return readings
@@ -261,8 +288,9 @@ class Environment:
 
     def end(self) -> dict[str, float]:
         """Ends the run; gives its results by name: the world's, or those of the user's `end`."""
-        if self._swarm is not None:
-            self._swarm.end()
+        for swarm in (self._swarm, self._remote):
+            if swarm is not None:
+                swarm.end()
         return dict(self.world.results) if self._loop is None else self._loop.end(self.world)
 
 

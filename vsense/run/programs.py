@@ -18,7 +18,7 @@ from vsense.robots.compiling import BuildError, native
 from vsense.robots.inprocess import ControllerFailure, SimError
 from vsense.robots.link.table import Table, ToldProgram
 from vsense.robots.link.wire import ShownData, Wanted
-from vsense.robots.program import Program, kind_of
+from vsense.robots.program import Program, ProgramOpener, kind_of
 
 RUN_PROGRESS_BYTES = inprocess.PROGRESS_BYTES + 4
 """Those of `Program`, and which of the experiment's controllers it is: a u32."""
@@ -69,7 +69,7 @@ def told_programs(experiment: Experiment) -> dict[str, ToldProgram]:
 
 
 def _told_program(controller: ControllerSpec) -> ToldProgram:
-    program = controller.program
+    program = build.on_robots(controller.program)
     texts = (path.read_text(errors="replace") for path in program.sources if path.is_file())
     names = [match[1] for match in map(_NAME.search, texts) if match]
     if program.is_argos:
@@ -116,15 +116,15 @@ class Programs:
         tables: Mapping[str, Table],
         seed: int,
         progress: Any = None,
+        opener: ProgramOpener | None = None,
     ) -> None:
         """Loads the programs and greets every robot.
 
         Args:
             controllers: the id of its controller by the tag of each robot, at least one.
-            libraries: shared objects by the controller's id.
-            tables: sensor tables by the controller's id.
-            seed: of the run.
+            libraries, tables: shared objects and sensor tables, by the controller's id.
             progress: `RUN_PROGRESS_BYTES` of writable memory, None: not wanted.
+            opener: of what controls robots in place of their programs; None: nothing does.
 
         Raises:
             SimError: a shared object cannot be loaded, or its controller cannot be run.
@@ -135,8 +135,8 @@ class Programs:
         drivers = np.array(list(controllers.values()))
         self._experiment, count = experiment, len(drivers)
         self.wheels_steps_s, self.leds = np.zeros((count, 2), np.int16), np.zeros(count, np.uint16)
-        real, virtual = experiment.robots, experiment.virtual_robots
-        self._names = names = {r.tag: r.id for r in real} | {r.tag: r.id for r in virtual}
+        self._names = names = {robot.tag: robot.id for robot in experiment.robots}
+        names.update((robot.tag, robot.id) for robot in experiment.virtual_robots)
         self._parts: list[tuple[int, NDArray[np.intp], Program]] = []
         for number, spec in enumerate(experiment.controllers):
             rows = np.flatnonzero(drivers == spec.id)
@@ -144,7 +144,7 @@ class Programs:
                 self._present[0] = number
                 tags = [tag for tag, name in controllers.items() if name == spec.id]
                 params = {tag: spec.params_for(names[tag]) for tag in tags}
-                open_program, step_ns = kind_of(spec.program).open, experiment.timestep_ns
+                open_program, step_ns = opener or kind_of(spec.program).open, experiment.timestep_ns
                 given = libraries[spec.id], tags, tables[spec.id], step_ns, seed, params
                 with loading(note, number):
                     self._parts.append((number, rows, open_program(*given, own)))

@@ -299,8 +299,8 @@ class Runner:
                 duration_s = self._note_silence()
                 self._console.say(f"arena states are back after {duration_s:.1f} s")
             self._heard_ns = step.arena_ns
-            for tag, text in self._runtime.logged():
-                self._console.say(f"virtual robot {tag}: {text}")
+            for robot, text in self._runtime.logged():
+                self._console.say(f"{robot}: {text}")
             for text in self._runtime.said():
                 self._console.say(f"loop functions: {text}")
             self._hold_robots(step.state)

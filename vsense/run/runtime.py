@@ -204,7 +204,8 @@ class Runtime:
         given = None if self._held else self._sense(state, run_timestep)
         goals = () if self.guide is None else (self.guide(state),)
         newest_ns = state.capture_ns
-        sent_ns = self._server.publish(state.timestep, newest_ns, self.readings, *goals)
+        sent = {**self.readings, **self._environment.commands}
+        sent_ns = self._server.publish(state.timestep, newest_ns, sent, *goals)
         return Step(
             timestep=state.timestep,
             run_timestep=run_timestep,
@@ -221,7 +222,7 @@ class Runtime:
         """See `ArenaSource.check_cameras`."""
         self._source.check_cameras()
 
-    def logged(self) -> Sequence[tuple[int, str]]:
+    def logged(self) -> Sequence[tuple[str, str]]:
         """See `Environment.logged`."""
         return self._environment.logged()
 

@@ -22,7 +22,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,10 @@ from vsense.modes.sim.job import SimOptions, Sweep, setup_of
 from vsense.run.directory import LOGGED, SUMMARY, TRAJECTORY
 from vsense.run.runs_csv import RunRow, read_runs
 from vsense.studies.report import FORMATS
+
+if TYPE_CHECKING:
+    from vsense.modes.sim.stepping import Reward
+    from vsense.studies._parallel import SwarmEnvironment
 
 Setting = str | float
 Columns = dict[str, NDArray[Any]]
@@ -66,6 +70,42 @@ def load_experiment(
     return LoadedExperiment(options).changed(settings, robots, duration_s)
 
 
+def parallel_env(
+    experiment: str | Path,
+    settings: Mapping[str, Setting] | None = None,
+    robots: int | None = None,
+    duration_s: float | None = None,
+    reward: str | Reward | None = None,
+    actuators: Mapping[str, tuple[float, float]] | None = None,
+    leds: bool = False,
+    render_mode: str | None = None,
+) -> SwarmEnvironment:
+    """Makes an environment; see `vsense.load` for the first four.
+
+    Observations are float32, sensor after sensor in the order of the file, then the robot's own
+    ring where the file has `<epuck_proximity>`: the numbers that a controller reads, 0 where they
+    are not known yet. Actions are in -1..1: left and right wheel, 1 is 1000 steps/s (12.9 cm/s);
+    then one for each of `actuators`; then one for the LEDs, which are on where it is above 0.
+
+    Args:
+        reward: name of a measure of the experiment, whose increase in a step every robot is given;
+            or a function. None: the experiment's first measure.
+        actuators: virtual actuators by name, and what -1 and 1 stand for of their first number.
+        leds: robots have red LEDs to switch.
+        render_mode: "rgb_array", "human" (a window, extra `report`), or None.
+
+    Raises:
+        UsageError: PettingZoo is not installed (extra `learn`); the experiment has several
+            controllers; there is no such measure or actuator.
+        VsenseError: as `vsense.load`.
+    """
+    require("parallel_env() needs", "pettingzoo")
+    from vsense.studies._parallel import SwarmEnvironment
+
+    loaded = load_experiment(experiment, settings, robots, duration_s).experiment
+    return SwarmEnvironment(loaded, reward, dict(actuators or {}), leds, render_mode)
+
+
 @dataclass(frozen=True)
 class LoadedExperiment:
     """An experiment as it will be simulated; changing it makes another one.
@@ -80,11 +120,6 @@ class LoadedExperiment:
     def experiment(self) -> Experiment:
         """What the file holds, with the changes: robots, arena, controllers, sensors."""
         return setup_of(self.options).fit(self.options.load())
-
-    @property
-    def name(self) -> str:
-        """The file's name."""
-        return self.experiment.name
 
     def changed(
         self,

@@ -52,11 +52,7 @@ Hook = Callable[..., Any]
 
 
 class LoopParams(dict[str, str]):
-    """The settings of loop functions, as texts; one that is not there is said with those that are.
-
-    Raises:
-        KeyError: there is no such setting.
-    """
+    """The settings of loop functions, as texts; a KeyError names those that are there."""
 
     def __missing__(self, name: str) -> NoReturn:
         raise KeyError(f"no attribute {name!r} of <loop_functions>; {instead(name, self)}")

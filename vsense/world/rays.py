@@ -7,7 +7,7 @@ touches one, from its start to its end.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -18,22 +18,18 @@ from vsense.world.entities import BODY_HEIGHT_M, BODY_RADIUS_M, Box, Cylinder, L
 from vsense.world.sightings import LastSightings
 
 Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 _FIELDS = "x_m y_m z_low_m z_high_m radius_m half_x_m half_y_m cosine sine"
 BODY = np.dtype([(name, "f8") for name in _FIELDS.split()])
 """One body; the fields are those of `struct vs_obstacle`."""
 
 _LEAST_ROOM = 64
-NOBODY = -1
-"""In `skip`: the line passes through no body."""
 
 
 class Bodies:
     """Bodies that stand in the way, sorted into a grid for quick questions.
 
-    Their methods raise WireError where a number is not finite, or beyond what an arena can hold.
-    `skip` are rows of bodies that do not stand in the way, (n,) or (n, 2) or one for all lines.
+    Making them raises WireError where a number is not finite, or beyond what an arena can hold.
 
     Attributes:
         rows: BODY array, not to be changed. A body with z_high_m < z_low_m is not there.
@@ -56,58 +52,6 @@ class Bodies:
 
     def __len__(self) -> int:
         return len(self.rows)
-
-    def blocked(self, starts_m: ArrayLike, ends_m: ArrayLike, skip: ArrayLike = NOBODY) -> Bools:
-        """Which lines (n, 3) to (n, 3) touch a body, also at the start or the end itself: (n,)."""
-        return self._trace(kernels.vs_rays_blocked, "uint8_t *", np.bool_, starts_m, ends_m, skip)
-
-    def nearest(self, starts_m: ArrayLike, ends_m: ArrayLike, skip: ArrayLike = NOBODY) -> Floats:
-        """Share of each line up to the first body that it touches, in [0, 1]: (n,).
-
-        It is 0 where the line starts in a body, inf where the line is free.
-        """
-        return self._trace(kernels.vs_rays_nearest, "double *", np.float64, starts_m, ends_m, skip)
-
-    def _trace(
-        self,
-        kernel: Callable[..., int],
-        pointer: str,
-        dtype: type[np.generic],
-        starts_m: ArrayLike,
-        ends_m: ArrayLike,
-        skip: ArrayLike,
-    ) -> NDArray[Any]:
-        starts, ends, skips, width = _lines(starts_m, ends_m, skip)
-        results = np.empty(len(starts), dtype=dtype)
-        code = kernel(
-            self._obstacles,
-            _pointer("const double *", starts),
-            _pointer("const double *", ends),
-            len(starts),
-            _pointer("const int32_t *", skips),
-            width,
-            _pointer(pointer, results),
-        )
-        check(code, "lines of sight")
-        return results
-
-    def seen(self, points_m: ArrayLike, goals_m: ArrayLike, skip: ArrayLike = NOBODY) -> Bools:
-        """Whether the lines from points (n, 3) to goals (k, 3) are free: (n, k)."""
-        goals = np.ascontiguousarray(goals_m, dtype=np.float64).reshape(-1, 3)
-        points, _, skips, width = _lines(points_m, points_m, skip)
-        results = np.empty((len(points), len(goals)), dtype=np.bool_)
-        code = kernels.vs_sight_seen(
-            self._obstacles,
-            _pointer("const double *", points),
-            len(points),
-            _pointer("const double *", goals),
-            len(goals),
-            _pointer("const int32_t *", skips),
-            width,
-            _pointer("uint8_t *", results),
-        )
-        check(code, "lines of sight")
-        return results
 
 
 class MovingBodies(Bodies):
@@ -199,20 +143,6 @@ def entity_rows(entities: Sequence[Box | Cylinder]) -> NDArray[np.void]:
             height_m = entity.size_m[2]
         row["z_high_m"] = entity.position_m[2] + height_m
     return rows
-
-
-def _lines(
-    starts_m: ArrayLike, ends_m: ArrayLike, skip: ArrayLike
-) -> tuple[Floats, Floats, NDArray[np.int32], int]:
-    """Lines as the library takes them, and how many bodies each passes through."""
-    starts = np.ascontiguousarray(starts_m, dtype=np.float64).reshape(-1, 3)
-    ends = np.ascontiguousarray(ends_m, dtype=np.float64).reshape(-1, 3)
-    if len(starts) != len(ends):
-        raise ValueError(f"{len(starts)} starts and {len(ends)} ends, expected as many")
-    skips = np.asarray(skip, dtype=np.int32)
-    width = skips.shape[1] if skips.ndim == 2 else 1
-    skips = np.broadcast_to(skips.reshape(-1, width), (len(starts), width))
-    return starts, ends, np.ascontiguousarray(skips), width
 
 
 def _pointer(kind: str, array: NDArray[np.generic]) -> object:

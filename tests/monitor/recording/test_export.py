@@ -12,8 +12,9 @@ from vsense import cli
 from vsense.base.errors import UsageError
 from vsense.base.message_bus import Message
 from vsense.monitor import recording
+from vsense.monitor.recording import EVENTS
 from vsense.monitor.recording.export import TRAJECTORIES, export_csv
-from vsense.monitor.recording.form import EVENTS, ROBOT_COLUMNS, RecordingError
+from vsense.monitor.recording.form import ROBOT_COLUMNS, RecordingError
 from vsense.monitor.recording.reader import open_recording
 
 STEP_NS = 100_000_000

@@ -6,15 +6,16 @@ these, too: then the host says what is happening, and what was done heals by its
 
 from __future__ import annotations
 
+import json
 import select
 import socket
 import struct
-import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import pytest
 
+from tests.rigs.places import ROOT
 from tests.robots.link.rig import (
     KEYS,
     MS,
@@ -39,7 +40,6 @@ from vsense.robots.link.wire import (
     PUBLISHED,
     GoodbyeCause,
     Header,
-    Hello,
     Notice,
     PacketType,
     RefuseCode,
@@ -434,17 +434,17 @@ def version_1(tag: int) -> bytes:
     return head + bytes(48) + body + bytes(20)
 
 
-def version_2_without_tags(tag: int) -> bytes:
-    """A HELLO whose last 16 bytes are a check sum and zeros."""
-    packet = encode(Header(PacketType.HELLO), Hello(UID, tag, "robot", "test"))[:-16]
-    return packet + struct.pack("<I", zlib.crc32(packet)) + bytes(12)
+def version_2() -> bytes:
+    """What a vsensed of that version once said, to whom it may concern."""
+    recorded = json.loads((ROOT / "tests" / "golden" / "version_2.json").read_text())
+    return bytes.fromhex(recorded["hello"])
 
 
-@pytest.mark.parametrize("make", [version_1, version_2_without_tags])
+@pytest.mark.parametrize("hello", [version_1(1), version_2()], ids=["1", "2"])
 def test_a_robot_with_an_older_protocol_is_told_of_by_name(
-    still: Server, attacker: MakeAttacker, make: Callable[[int], bytes]
+    still: Server, attacker: MakeAttacker, hello: bytes
 ) -> None:
-    sock = attacker(still).connect(make(1))
+    sock = attacker(still).connect(hello)
     assert sock.recv(4096)[3] == PacketType.REFUSE
     expected = "robot 1 runs an older vsensed: bring it this one with 'vsense robot"
     assert expected in still.wait("refused", 1).text

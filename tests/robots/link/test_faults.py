@@ -289,7 +289,7 @@ def test_defect_15_another_version_is_refused_and_both_sides_say_so(
     newer.sendall(hello)
     header, notice = decode(newer.recv(4096))
     assert header.type == PacketType.REFUSE
-    text = "newer than this host (protocol version 3): bring vsense up to date here"
+    text = "newer than this host (protocol version 4): bring vsense up to date here"
     assert text in str(notice) and text in still.wait("refused", None).text
     assert closed(newer)
 

@@ -15,7 +15,14 @@ from vsense.robots.link._roster import Proved, SessionTable
 from vsense.robots.link._session import PendingSession
 from vsense.robots.link.keys import INSECURE
 from vsense.robots.link.status import EventThrottle, LinkEvent, cut_text
-from vsense.robots.link.table import Entry, ExpectedRobot, Output, Table, ToldProgram
+from vsense.robots.link.table import (
+    Direction,
+    Entry,
+    ExpectedRobot,
+    Output,
+    Table,
+    ToldProgram,
+)
 from vsense.robots.link.wire import (
     PUBLISHED,
     TEXT_MAX,
@@ -233,16 +240,40 @@ def test_many_different_complaints_are_few_lines_and_then_a_number() -> None:
     assert told[11].text == "7"
 
 
-def test_a_robot_without_room_for_the_parameters_is_refused() -> None:
-    ours = SessionTable(
-        {5: ExpectedRobot("five", TABLE, "a=" + "x" * 600 + "\n")}, 10**8, 1, INSECURE
-    )
-    packet = said(Hello(b"a" * 16, 5, "name", "test", params_room=512))
+@pytest.mark.parametrize(
+    ("rooms", "lacks"),
+    [
+        ({"params_room": 602}, "603 bytes of params, of 602"),
+        ({"entries_room": 3}, "4 sensors and actuators, of 3"),
+        ({"datagram_room": 561}, "562 bytes a packet, of 561"),
+        ({"params_room": 0, "entries_room": 0}, "603 bytes of params, of 0; 4 sensors and act"),
+        ({"params_room": 603, "entries_room": 4, "datagram_room": 562}, ""),
+    ],
+)
+@pytest.mark.parametrize("up", [False, True])
+def test_a_robot_without_room_for_the_experiment_is_refused(
+    rooms: dict[str, int], lacks: str, up: bool
+) -> None:
+    """Either STATE or TELEMETRY is the longer packet, by PROTOCOL.md's sections 2 and 3."""
+    entries = [Entry(1, "a", "u1"), Entry(2, "b", "u1", Direction.ACTUATOR)]
+    if up:  # 72 + 68 + 1 + (4 + 400) + 15 + 2 = 562
+        entries += [Entry(3, "own", "400*u1", Direction.READING)]
+        entries += [Entry(4, "c", "15*u1", Direction.ACTUATOR)]
+    else:  # 72 + 16 + (4 + 1) + (4 + 400) + (4 + 61) = 562
+        entries += [Entry(3, "own", "400*u1"), Entry(4, "c", "61*u1")]
+    params = "a=" + "x" * 600 + "\n"
+    expected = {5: ExpectedRobot("five", Table(entries), params)}
+    ours = SessionTable(expected, 10**8, 1, INSECURE)
+    packet = said(Hello(b"a" * 16, 5, "name", "test", **rooms))
     answer = ours.greet(packet, "here", S)
     _, notice = decode(answer.packet, answer_key(PUBLISHED, packet))
+    if not lacks:
+        assert isinstance(notice, Welcome) and answer.pending is not None
+        return
     assert isinstance(notice, Notice) and notice.code == RefuseCode.ROOM
-    assert notice.text == "the experiment's params have 603 bytes, the robot has 512"
-    assert answer.pending is None
+    text = f"the experiment needs more than the robot can hold: {lacks}"
+    assert notice.text.startswith(text)
+    assert answer.pending is None and answer.event is not None and text in answer.event.text
 
 
 PREDATOR, PREY = ToldProgram("predator", "1" * 12), ToldProgram("prey", "2" * 12)

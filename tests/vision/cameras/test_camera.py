@@ -111,6 +111,15 @@ def test_a_bad_value_is_named(name: str, value: object, complaint: str) -> None:
         Camera.from_json(json.dumps(values))
 
 
+def test_a_file_has_the_time_of_a_row_where_the_shutter_rolls() -> None:
+    rolling = dataclasses.replace(OVERHEAD, row_time_s=-2e-5)
+    assert Camera.from_json(rolling.to_json()) == rolling != OVERHEAD
+    assert "row_time_s" not in OVERHEAD.to_json()
+    values = json.loads(rolling.to_json()) | {"row_time_s": 0.02}
+    with pytest.raises(CameraError, match=r"camera c: row_time_s: 0\.02: expected up to 0\.2 s"):
+        Camera.from_json(json.dumps(values))
+
+
 def test_a_missing_value_and_broken_text_are_named() -> None:
     values = dataclasses.asdict(OVERHEAD)
     del values["cy_px"]

@@ -146,13 +146,15 @@ def test_a_camera_that_takes_all_has_nothing_said_about_it(monkeypatch: pytest.M
         (cv2.CAP_PROP_FPS, 30.0),
         (cv2.CAP_PROP_EXPOSURE, 80.0),
         (cv2.CAP_PROP_GAIN, 12.0),
+        (cv2.CAP_PROP_CONVERT_RGB, 0),
     ]
 
 
 def test_a_camera_is_left_its_own_choices(monkeypatch: pytest.MonkeyPatch) -> None:
     device = webcam()
     assert opened(monkeypatch, device, Controls())[1] == []
-    assert [key for key, _ in device.asked] == [cv2.CAP_PROP_BUFFERSIZE]
+    keys = [key for key, _ in device.asked]
+    assert keys == [cv2.CAP_PROP_BUFFERSIZE, cv2.CAP_PROP_CONVERT_RGB]
 
 
 @pytest.mark.parametrize(
@@ -318,3 +320,49 @@ def test_opencv_keeps_off_the_terminal(monkeypatch: pytest.MonkeyPatch, names: s
     assert levels == [0]
     assert os.environ["OPENCV_FFMPEG_LOGLEVEL"] == "-8"
     assert os.environ["OPENCV_VIDEOIO_V4L_SELECT_TIMEOUT"] == "7"
+
+
+def raw_webcam(code: float) -> Device:
+    """A V4L2 camera whose backend leaves pictures as they come where that is asked for."""
+    device = webcam(CONVERT_RGB=same)
+    device.has[cv2.CAP_PROP_FOURCC] = code
+    return device
+
+
+def test_the_greys_of_a_yuyv_camera_are_those_of_opencvs_colours(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rng = np.random.default_rng(3)
+    raw = rng.integers(0, 256, (SIZE[1], SIZE[0], 2)).astype(np.uint8)
+    raw[:240, :, 1] = 128  # without colour, and with little
+    raw[240:, :, 1] = rng.integers(120, 137, (240, SIZE[0]))
+    device = raw_webcam(YUYV)
+    source, _ = opened(monkeypatch, device, Controls())
+    assert (cv2.CAP_PROP_CONVERT_RGB, 0) in device.asked
+    device.comes = [raw]
+    expected = cv2.cvtColor(cv2.cvtColor(raw, cv2.COLOR_YUV2BGR_YUY2), cv2.COLOR_BGR2GRAY)
+    off = np.abs(source.read().image.astype(int) - expected)
+    assert off[:240].max() <= 1
+    # Colours that clip change OpenCV's grey by a little.
+    assert np.median(off[240:]) <= 1 and off[240:].max() <= 12
+
+
+def test_the_jpegs_of_a_webcam_are_decoded_to_grey_with_their_stamp(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    device = raw_webcam(MJPEG)
+    device.has[cv2.CAP_PROP_POS_MSEC] = 1234.567
+    source, _ = opened(monkeypatch, device, Controls())
+    packet = cv2.imencode(".jpg", picture(), (cv2.IMWRITE_JPEG_QUALITY, 95))[1]
+    device.comes = [packet.reshape(1, -1), packet.reshape(1, -1)[:, :-600]]
+    shot = source.read()
+    assert shot.stamp_ns == 1_234_567_000 and np.abs(shot.image.astype(int) - picture()).max() < 9
+    with pytest.raises(PictureError, match="cut off"):
+        source.read()
+
+
+def test_a_webcam_that_only_gives_colours_is_read_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    device = webcam()
+    source, _ = opened(monkeypatch, device, Controls())
+    device.comes = [np.stack([picture()] * 3, axis=-1)]
+    assert np.array_equal(source.read().image, picture())

@@ -310,3 +310,32 @@ def test_every_pose_says_how_sure_it_is_and_where_the_pictures_show_it() -> None
 def test_a_camera_below_its_robots_is_refused() -> None:
     with pytest.raises(TrackingError, match=r"2\.43 m"):
         ArenaTracker(CAMERAS, Script([]), {1: 0.06, 2: 2.5})
+
+
+@pytest.mark.parametrize("row_time_s", [0.0, 20e-6])
+def test_a_rolling_shutter_dates_each_robot_by_its_row(row_time_s: float) -> None:
+    """Robots drive down the picture at 20 cm/s, in its first and in its last rows."""
+    size, speed_m_s = (640, 1200), 0.2
+    camera = Camera.looking_down("a", 0.0, 0.0, 2.43, 1620.0, size)
+    family, tags = load_family("arrow4x4"), [31, 7167, 52447]
+    arena = ArenaTracker.for_family(
+        [replace(camera, row_time_s=row_time_s)], family, dict.fromkeys(tags, HEIGHT_M)
+    )
+    homes = [(-0.2, 0.75), (0.0, 0.1), (0.2, -0.6)]
+    off_m = []
+    for step in range(8):
+        robots, true_m = [], []
+        for tag, (x_m, y_m) in zip(tags, homes):
+            true_m.append((x_m, y_m - speed_m_s * step * STEP_NS / 1e9))
+            row = camera.project(np.array([*true_m[-1], HEIGHT_M]))[1]
+            shown_m = true_m[-1][1] - speed_m_s * 20e-6 * (row - 599.5)
+            robots.append(Robot(tag, x_m, shown_m, -np.pi / 2))
+        image = render(camera, family, robots, Look(litter=0), step)
+        state = arena.update([Frame("a", image, step, step * STEP_NS, step * STEP_NS)])
+        if step >= 4:
+            seen = [robot(state, tag) for tag in tags]
+            off_m += [row["y_m"] - y_m for row, (_, y_m) in zip(seen, true_m)]
+    arena.close()
+    # 20 us a row, half of 1200 rows: 12 ms, in which a robot drives 2.4 mm.
+    worst_m = max(map(abs, off_m))
+    assert worst_m < 0.3e-3 if row_time_s else 1.5e-3 < worst_m < 2.4e-3

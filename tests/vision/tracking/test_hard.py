@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
@@ -10,7 +11,13 @@ from tests.bench.tracking import TABLE_2_1
 from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, render
 from vsense.base.arena import UNNAMED, Frame
 from vsense.vision.cameras.camera import Camera
-from vsense.vision.markers.families import MarkerFamily, choose_tags, load_family
+from vsense.vision.markers.families import (
+    MarkerFamily,
+    SquareFamily,
+    choose_tags,
+    load_family,
+    parse_tags,
+)
 from vsense.vision.tracking._detector import make_detector
 from vsense.vision.tracking._prediction import SearchPlan
 from vsense.vision.tracking.arena_tracker import ArenaTracker
@@ -106,3 +113,52 @@ def test_a_cable_across_a_known_robot_does_not_lose_it() -> None:
             assert np.hypot(row["x_m"] - robot.x_m, row["y_m"] - robot.y_m) < 2e-3
     tracker.close()
     assert lost <= 3
+
+
+OPENCV = {"apriltag_36h11": "DICT_APRILTAG_36h11", "aruco_4x4_50": "DICT_4X4_50"}
+
+
+def under_an_edge(
+    family: MarkerFamily | SquareFamily, tags: list[int], shade: int, seed: int
+) -> tuple[np.ndarray, list[Robot]]:
+    """Returns a picture in which dark sheets lie over a fifth of each marker's disc."""
+    rng, camera = np.random.default_rng(seed), Camera.looking_down("c", 0, 0, 2.43, 1620.0, SHEETS)
+    places = [(x, y) for x in (-0.36, 0.0, 0.36) for y in (-0.25, 0.0, 0.25)]
+    robots = [
+        Robot(tag, *(xy + rng.uniform(-0.03, 0.03, 2)), float(rng.uniform(-np.pi, np.pi)))
+        for tag, xy in zip(tags, np.array(places))
+    ]
+    picture = render(camera, family, robots, Look(psf_px=0.0, noise=0.0, litter=0), seed)
+    for robot in robots:
+        turn = rng.uniform(-np.pi, np.pi)
+        out, along = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+        sides = [(0.0205, -0.07), (0.0205, 0.07), (0.07, 0.07), (0.07, -0.07)]
+        corners = [np.array([robot.x_m, robot.y_m]) + a * out + b * along for a, b in sides]
+        pixels = camera.project(np.column_stack((corners, np.full(4, HEIGHT_M))))
+        cv2.fillConvexPoly(picture, np.rint(16 * pixels).astype(np.int32), shade, cv2.LINE_AA, 4)
+    soft = cv2.GaussianBlur(picture, (0, 0), 0.6) + rng.normal(0.0, 2.5, picture.shape)
+    return np.clip(np.rint(soft), 0, 255).astype(np.uint8), robots
+
+
+SHEETS = (960, 720)
+
+
+@pytest.mark.parametrize("name", ["arrow4x4", *OPENCV])
+def test_a_marker_with_a_dark_edge_over_it_is_found_by_its_corners(name: str) -> None:
+    family = load_family(name)
+    tags = parse_tags("auto:12", family)
+    camera = Camera.looking_down("c", 0, 0, 2.43, 1620.0, SHEETS)
+    detector, ours, theirs, total = make_detector(family, tags, HEIGHT_M), 0, 0, 0
+    for seed, shade in enumerate((10, 30, 45, 80)):
+        picture, robots = under_an_edge(family, tags, shade, seed)
+        seen = detector.detect(picture, camera)
+        places = camera.to_plane(np.stack((seen["x_px"], seen["y_px"]), axis=1), HEIGHT_M)
+        for tag, place in zip(seen["tag"].tolist(), places):
+            (robot,) = (r for r in robots if r.tag == tag)
+            assert np.hypot(*(place - (robot.x_m, robot.y_m))) < 1e-3
+        ours, total = ours + len(seen), total + len(robots)
+        if name in OPENCV:
+            words = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, OPENCV[name]))
+            found = cv2.aruco.ArucoDetector(words).detectMarkers(picture)[1]
+            theirs += 0 if found is None else len(found)
+    assert ours >= (0.9 if name in OPENCV else 0.6) * total and ours > 2 * theirs

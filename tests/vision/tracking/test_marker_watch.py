@@ -179,4 +179,23 @@ def test_a_stranger_is_not_taken_for_a_robot_that_has_left(name: str) -> None:
             return there[:1]
         return [] if time_s < 3.2 else [replace(there[0], tag=others[0])]
 
-    assert watch(family, nothing, robots=exchanged, roster=[first]) == []
+    told = watch(family, nothing, robots=exchanged, roster=[first])
+    assert [line for _, line in told if line.startswith("robot")] == []
+    # An arrow is told as what it is; a square without a word of the roster may be anything.
+    assert len(told) == isinstance(family, MarkerFamily)
+
+
+def test_a_marker_that_never_had_a_name_is_told_once_with_its_place() -> None:
+    family = load_family("arrow4x4")
+    at = driving(family, 0.0)[1]
+    still = lambda time_s: [at, *driving(family, time_s)[2:]]  # noqa: E731
+
+    def cover(time_s: float, picture: np.ndarray, robots: list[Robot]) -> None:
+        tape(picture, family, robots[0], 0.5, 35)
+
+    ((when_s, line),) = watch(family, cover, robots=still)
+    assert UNREAD_S <= when_s <= UNREAD_S + 1.0
+    assert line == (
+        f"a marker at ({at.x_m:.2f}, {at.y_m:.2f}) m has no name: it is seen, but can not be read,"
+        " or its tag is not on the roster"
+    )

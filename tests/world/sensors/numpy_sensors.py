@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tests.rigs.lines import NOBODY, blocked, nearest
 from vsense.base.arena import wrap_angle
 from vsense.world.entities import BODY_RADIUS_M, Box, Cylinder
-from vsense.world.rays import NOBODY, Bodies, disc_rows, entity_rows
+from vsense.world.rays import Bodies, disc_rows, entity_rows
 from vsense.world.sensors.geometry import RING_HEIGHT_M, RING_RADIUS_M, Reach, Ring, rows_of, within
 from vsense.world.sensors.ground import AHEAD_M, LEFT_M
 from vsense.world.sensors.omnidirectional_camera import (
@@ -68,7 +69,7 @@ def proximity(sensor: ProximitySensor, world: World, robots: Robots) -> Floats:
     skip: Any = NOBODY
     if not sensor.virtual_only:
         skip = np.repeat(rows_of(world, robots), len(sensor.ring) * len(fan))
-    shares = bodies.nearest(starts.reshape(-1, 3), ends.reshape(-1, 3), skip)
+    shares = nearest(starts.reshape(-1, 3), ends.reshape(-1, 3), bodies, skip)
     if sensor.blind_within:
         shares[shares <= 0.0] = np.inf
     distances_m = sensor.range_m * shares.reshape(headings.shape).min(axis=2)
@@ -179,7 +180,9 @@ def near_pairs(
     for line, ends in zip(lines, (robots[pairs.receiver], poses[pairs.sender])):
         line[:, 0], line[:, 1], line[:, 2] = ends["x_m"], ends["y_m"], reach.height_m
     both = np.stack((own[pairs.receiver], pairs.sender), axis=1)
-    return pairs.select(~world.bodies().blocked(lines[0], lines[1], both))
+    turned = both[:, 0] > both[:, 1]  # from the first of both to the second
+    lines[:, turned] = lines[::-1, turned]
+    return pairs.select(~blocked(lines[0], lines[1], world.bodies(), both))
 
 
 _REAL_CM = np.array([0.0, 2.0, 5.0, 10.0, 15.0, 30.0, 45.0, 60.0, 80.0])
@@ -256,7 +259,7 @@ def camera(
         near = np.einsum("nli,nli->nl", ways_m, ways_m) < sensor.reach_m**2
     near &= (owners != own[:, None]) & (ways_m[..., 2] < CAMERA_HEIGHT_M)
     seeing, seen = np.nonzero(near)
-    free = ~world.bodies().blocked(cameras_m[seeing], leds_m[seen], own[seeing])
+    free = ~blocked(cameras_m[seeing], leds_m[seen], world.bodies(), own[seeing])
     seeing, seen = seeing[free], seen[free]
     flat_m = shifted(sensor, ways_m[seeing, seen, :2], random)
     bearing = np.arctan2(flat_m[:, 1], flat_m[:, 0]) - robots["yaw_rad"][seeing]

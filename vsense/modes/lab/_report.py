@@ -25,6 +25,7 @@ from vsense.modes.lab.truth import read_truth
 from vsense.monitor.pictures import run_figure
 from vsense.robots.link.status import RING_LEDS
 from vsense.run.figures import StepTimes, late_text, link_row, number, percent
+from vsense.run.remote import COMMAND
 from vsense.run.verdict import judged, table_rows
 
 JUDGED = "pollutant"
@@ -92,7 +93,11 @@ def _wanted(recording: RunNotes, experiment: Experiment, steps: NDArray[np.void]
 
 
 def _sensors_of(experiment: Experiment, robot: RobotSpec) -> list[str]:
-    return [mounted.sensor.name for mounted in experiment.controller_of(robot).sensors]
+    """What the robot's daemon is sent."""
+    controller = experiment.controller_of(robot)
+    if controller.program.is_python:
+        return [COMMAND]
+    return [mounted.sensor.name for mounted in controller.sensors]
 
 
 def _timesteps(times: NDArray[np.int64], truth: NDArray[np.void]) -> NDArray[np.void]:

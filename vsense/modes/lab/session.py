@@ -27,7 +27,7 @@ from vsense.modes.lab.truth import TruthReader, make_ring
 from vsense.modes.live.session import ROBOT_WAIT_S, Busy, ExperimentSession, RunSetup
 from vsense.monitor.pictures.run_figure import RunCameras
 from vsense.monitor.pictures.run_samples import RunSamples
-from vsense.robots import build
+from vsense.robots import boards, build
 from vsense.robots.link.status import RobotStatus
 from vsense.run.cast import played, spares_for
 from vsense.run.changing import Ground
@@ -217,7 +217,7 @@ class Session(ExperimentSession):
         for robot, how in self.swarm.fallen():
             log = self.swarm.log(robot.tag)
             if not self._ready:
-                said = log.read_text(errors="replace").strip().splitlines()
+                said = boards.in_words(log.read_text(errors="replace")).strip().splitlines()
                 raise LabError(f"robot {robot.tag}: its daemon {how}: {said[-1] if said else ''}")
             self._fallen.append(f"robot {robot.tag}'s controller {how}")
             self.setup.console.say(

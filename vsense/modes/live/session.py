@@ -117,7 +117,7 @@ class ExperimentSession(ABC):
         self.environment = Environment(setup.experiment, setup.seed, setup.blind)
         self.server: VirtualSensorServer = make_server(
             setup.experiment,
-            self.environment.tables,
+            self.environment.wire_tables,
             setup.address,
             setup.seed,
             setup.trust,
@@ -291,7 +291,7 @@ class ExperimentSession(ABC):
             starts = replace(starts, experiment=recast(starts.experiment, pair))
         self.setup = replace(self.setup, experiment=experiment, starts=starts)
         self._put_in.add(pair[1])
-        tables, taken = environment.tables, self.setup.other_programs
+        tables, taken = environment.wire_tables, self.setup.other_programs
         self.server.recast(expected_robots(experiment, tables, self._put_in, taken))
         self.runner.recast(environment)
         self.setup.room.recast(environment)

@@ -160,12 +160,13 @@ class Chain:
         if at == kernels.VS_SIM_EVOLVED:
             names = [kernel.name for bank in self._banks for kernel in bank.in_c]
             return SensorError(f"sensor {names[number]!r}: gave what does not fit its layout")
+        self._parts.programs.check()
         return WireError(code, "robots whose run is over")
 
     def _hear(self, run_timestep: int) -> None:
         """What happens after C has called a loop function that says something, or could not."""
         sim, at = self.cdata, self.cdata.at
-        is_called = sim.said == kernels.VS_LOOP_SAID
+        is_called = sim.said == kernels.VS_CXX_SAID
         self._advance_world(run_timestep)
         sim.called = self._parts.environment.heard(sim.called - is_called, is_called)
         if at == _SENSED:
@@ -197,9 +198,9 @@ class Chain:
         self._advance_world(run_timestep)
         for bank in self._banks:
             bank.step(sim.timestep)
-        if sim.called < kernels.VS_LOOP_FLOOR:
+        if sim.called < kernels.VS_CXX_FLOOR:
             parts.environment.post_step()
-            sim.called = kernels.VS_LOOP_FLOOR
+            sim.called = kernels.VS_CXX_FLOOR
         self._end_look(run_timestep)
         self._follow_world(self.done + 1)
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from vsense.config.specs import Experiment
 from vsense.robots.link.table import Table
 from vsense.robots.loop_library import FUNCTIONS, Colors, LoopCaller, LoopLibrary
+from vsense.robots.program import ProgramOpener
 from vsense.run.cxx_loop import LoopHost
 from vsense.run.programs import LOADING, LOADING_LOOP, LOOP_PROGRAM, Programs, loading
 
@@ -53,6 +54,7 @@ class LoopFunctionsHost:
         timestep: says which one is under way.
         robots: those whose controllers have begun before the loop functions, which use their
             objects; None: none have.
+        opener: see `Programs`.
     """
 
     experiment: Experiment
@@ -61,6 +63,7 @@ class LoopFunctionsHost:
     progress: Any
     timestep: Callable[[], int]
     robots: Programs | None = None
+    opener: ProgramOpener | None = None
 
     def loop_host(self) -> LoopHost:
         """The same as an `Environment` takes it."""
@@ -79,7 +82,15 @@ class LoopFunctionsHost:
         """Opens the programs of all robots."""
         experiment = self.experiment
         controllers = {robot.tag: robot.controller for robot in experiment.robots}
-        return Programs(experiment, controllers, self.libraries, tables, self.seed, self.progress)
+        return Programs(
+            experiment,
+            controllers,
+            self.libraries,
+            tables,
+            self.seed,
+            self.progress,
+            self.opener,
+        )
 
     def _begin(self, tables: Mapping[str, Table]) -> None:
         self.robots = self.opened(tables)

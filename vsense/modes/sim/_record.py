@@ -18,8 +18,7 @@ from vsense.base.terminal import Level
 from vsense.config.specs import Experiment
 from vsense.modes.lab import _metrics
 from vsense.monitor.pictures.run_samples import RunSamples
-from vsense.monitor.recording import changes
-from vsense.monitor.recording.form import EVENTS, SHOWN
+from vsense.monitor.recording import EVENTS, SHOWN, changes
 from vsense.robots.link.status import RING_LEDS
 from vsense.robots.link.wire import ShownData
 from vsense.world.physics.motion import pointer

@@ -27,6 +27,7 @@ from vsense.modes.sim._record import SimulatedTracker, SimulationRecord
 from vsense.monitor.pictures.run_samples import RunSamples
 from vsense.robots.inprocess import ACT_NS, CONTROL_NS
 from vsense.robots.link.wire import Wanted
+from vsense.robots.program import ProgramOpener
 from vsense.run.changing import Ground
 from vsense.run.environment import Environment, physics_of
 from vsense.run.programs import RUN_PROGRESS_BYTES, failed_words
@@ -82,6 +83,7 @@ class Simulation:
         seed: int,
         blind: bool = False,
         progress: Any = None,
+        opener: ProgramOpener | None = None,
     ) -> None:
         """Puts everything in its place.
 
@@ -89,7 +91,7 @@ class Simulation:
             experiment: it has a length.
             libraries: its programs, as `shared_objects` gives them.
             blind: hold the virtual sensors at 0.
-            progress: see `Programs`.
+            progress, opener: see `Programs`.
 
         Raises:
             VsenseError: something in the experiment cannot be had.
@@ -98,7 +100,8 @@ class Simulation:
         progress = bytearray(RUN_PROGRESS_BYTES) if progress is None else progress
         # Loop functions may begin below, and ask for the timestep.
         self._timestep, self._numbers, self.chain, self.is_whole = 0, 0, None, True
-        host = LoopFunctionsHost(experiment, libraries, seed, progress, self._present)
+        present = self._present
+        host = LoopFunctionsHost(experiment, libraries, seed, progress, present, opener=opener)
         self.environment = Environment(experiment, seed, blind, host.loop_host())
         self.record = SimulationRecord(experiment)
         self.samples = self.observe = None
@@ -110,8 +113,7 @@ class Simulation:
         self._slip = NoisyWheels(experiment.wheel_noises, seed)
         self._robots = host.robots or host.opened(self.environment.tables)
         self._driven, self._leds = self._robots.wheels_steps_s.copy(), self._robots.leds.copy()
-        self._reports, self._events = dict[int, bytes](), list[_Event]()
-        self._now_ns = EPOCH_NS
+        self._reports, self._events, self._now_ns = dict[int, bytes](), list[_Event](), EPOCH_NS
         self._version, self._standing = -1, _standing(experiment.boxes, experiment.cylinders)
         self._follow()
 
@@ -327,8 +329,8 @@ class Simulation:
             self.record.note_shown(run_timestep, tag, values)
         for tag, text in self._robots.logged():
             self.record.note_event(run_timestep, f"robot {tag}: {text}")
-        for tag, text in self.environment.logged():
-            self.record.note_event(run_timestep, f"virtual robot {tag}: {text}")
+        for robot, text in self.environment.logged():
+            self.record.note_event(run_timestep, f"{robot}: {text}")
 
     def _obey(self, time_ns: int, reports: dict[int, bytes]) -> Callable[[], None]:
         """Makes the event in which wheels and LEDs follow the controllers."""

@@ -21,6 +21,7 @@ The next job comes after the answer. The process ends with its standard input.
 from __future__ import annotations
 
 import fcntl
+import gc
 import json
 import mmap
 import os
@@ -174,6 +175,7 @@ class Worker:
         prepare(job, self._page is not None)
         self._share(job)
         source, target = os.pipe()
+        gc.freeze()  # what is here already is no garbage of the fork's, which leaves it shared
         # The fork dies with this process, even in an endless loop: see `_die_with_parent`.
         alive, life = os.pipe()
         pid = os.fork()

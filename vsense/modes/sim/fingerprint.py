@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import ast
 import hashlib
-import html
 import json
 import math
 import os
@@ -110,6 +109,8 @@ def named_files(path: Path) -> list[Path]:
 
     The file is not parsed: ARGoS's files need not be well-formed.
     """
+    import html  # a single run waits for no table of entities
+
     quoted = _QUOTED.findall(_text(path))
     values = {html.unescape(double or single) for double, single in quoted}
     named = (path.parent / value for value in sorted(values) if value and len(value) < MAX_NAME)

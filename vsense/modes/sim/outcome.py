@@ -35,7 +35,7 @@ JobAnswer = dict[str, Any]
 and `progress`: what `Programs` noted last."""
 
 
-class SimulatedRunError(VsenseError):
+class SimulatedRunError(SimError):
     """A run has failed: an error in its own process, a crash, an endless loop.
 
     Attributes:

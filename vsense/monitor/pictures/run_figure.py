@@ -24,10 +24,11 @@ from vsense.monitor.pictures._arena_view import VIEW_PX
 from vsense.monitor.pictures._camera_view import CameraPanels
 from vsense.monitor.pictures._scene import CONE, DARK, ArenaMoment
 from vsense.monitor.pictures._stitch import Shade, TopView
-from vsense.monitor.pictures._world_snapshot import WorldSnapshot
+from vsense.monitor.pictures._world_snapshot import WorldSnapshot, take_snapshot
 from vsense.monitor.pictures.run_samples import RunSamples
 from vsense.vision.cameras.camera import Camera
 from vsense.world.entities import Arena
+from vsense.world.world import World
 
 TRAIL_S = 6.0
 """Time of the trail behind each robot."""
@@ -167,6 +168,30 @@ def _scene(run: RunFigure, timestep: int, words: str, snapshot: WorldSnapshot) -
         trails=run.poses[first : row + 1, :, :2] - middle[:2],
         heights_m=np.full(len(poses), experiment.marker.height_m),
     )
+
+
+def draw_arena(
+    experiment: Experiment, world: World, poses: Floats, lit: NDArray[np.bool_], width_px: int
+) -> Image:
+    """The arena from above, now: (h, w, 3) BGR.
+
+    Args:
+        poses: (n, 3) x, y [m] and yaw [rad] of the robots.
+        lit: (n,) whether each robot's red LEDs are on.
+    """
+    snapshot = take_snapshot(world, experiment)
+    middle = np.array([*snapshot.arena.centre_m[:2], 0.0])
+    moment = ArenaMoment(
+        title="",
+        note="",
+        view=None,
+        snapshot=snapshot.within(experiment.arena),
+        poses=poses - middle,
+        lit=lit,
+        trails=np.empty((0, len(poses), 2)),
+        heights_m=np.full(len(poses), experiment.marker.height_m),
+    )
+    return _arena_view.draw(moment, width_px, scale=1)
 
 
 def _note(run: RunFigure, row: int) -> str:

@@ -15,6 +15,9 @@ def require() -> None:
 
 
 MCAP = ".mcap"
+EVENTS = ("time_s", "level", "by", "text")
+SHOWN = ("time_s", "tag", "name", "value")
+"""Columns of the tables events.csv and shown.csv."""
 MEASURED_FROM_S = 5.0
 """A shorter recording does not tell what a minute costs."""
 IN_CONE, LIT_IN_CONE = "robots_in_cone", "lit_in_cone"

@@ -16,7 +16,7 @@ from vsense.base.message_bus import Message
 from vsense.base.terminal import Console, Interruption
 from vsense.monitor import recording
 from vsense.monitor.recording import changes, form
-from vsense.monitor.recording.form import EVENTS, SHOWN, ExperimentMessage, RecordingError
+from vsense.monitor.recording.form import ExperimentMessage, RecordingError
 from vsense.monitor.recording.reader import Recording, open_recording, read_gap
 
 Cells = list[Any]
@@ -199,8 +199,8 @@ class _Export:
         write = self._write
         write["trajectories"](list(TRAJECTORIES))
         write["robots"](["time_s", *form.ROBOT_COLUMNS])
-        write["events"](list(EVENTS))
-        write["shown"](list(SHOWN))
+        write["events"](list(recording.EVENTS))
+        write["shown"](list(recording.SHOWN))
         write["measures"](["time_s", "timestep", *self._measures])
         names = [[f"{s}_{n}" for n in range(k)] + [f"{s}_age_s"] for s, k in self._columns.items()]
         write["readings"](["time_s", "timestep", "tag", *(n for columns in names for n in columns)])

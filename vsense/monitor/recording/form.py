@@ -323,9 +323,6 @@ object for each."""
 
 PART_COLUMNS = ("part", "name", "tag", "uid", "controller", "hash")
 """Columns of `/parts`."""
-EVENTS = ("time_s", "level", "by", "text")
-SHOWN = ("time_s", "tag", "name", "value")
-"""Columns of the tables events.csv and shown.csv."""
 
 
 _TOPICS: dict[str, tuple[str, Schemas]] = {

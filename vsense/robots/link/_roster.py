@@ -28,7 +28,6 @@ from vsense.robots.link.wire import (
     believed,
     decode,
     encode,
-    is_older,
     uid_of,
 )
 
@@ -174,11 +173,9 @@ class SessionTable:
             return Answer(None, b"", LinkEvent("refused", hello.tag, text, now_ns, origin))
         if robot.taken_from(hello.uid, opened.key is not None, now_ns):
             return refuse(RefuseCode.TAG_IN_USE, _taken(hello.tag))
-        size = len(self._expected[hello.tag].params.encode())
-        if hello.params_room < size:
-            text = f"the experiment's params have {size} bytes, the robot has {hello.params_room}"
-            return refuse(RefuseCode.ROOM, text)
         expected = self._expected[hello.tag]
+        if lack := _lack(expected, hello):
+            return refuse(RefuseCode.ROOM, lack)
         runs, wanted = ToldProgram(hello.controller, hello.hash), expected.program
         other = ""
         if wanted is not None and not runs.is_same(wanted):
@@ -253,8 +250,6 @@ class SessionTable:
             if self._trust.keys is None:
                 text = "has a key, and this host has none: give it the swarm's with --key FILE"
             return self._doubted(packet, hello, text, origin, now_ns)
-        if is_older(packet):
-            return self._doubted(packet, hello, OLDER, origin, now_ns)
         raise WireError(lib.VS_ERR_TAG, "HELLO")
 
     def _was_heard(self, hello: Hello) -> bool:
@@ -338,6 +333,20 @@ class SessionTable:
         seed, nonce = robot_seed(self._seed, tag), secrets.token_bytes(16)
         robot = self._expected[tag]
         return Welcome(robot.table, self._timestep_us, seed, robot.params, nonce)
+
+
+def _lack(expected: ExpectedRobot, hello: Hello) -> str:
+    """What a robot has no room for; "": it has for all that the experiment needs."""
+    table = expected.table.cdata
+    down = lib.VS_STATE_FIXED + 4 * table.sensors + table.sensor_bytes
+    up = lib.VS_TELEMETRY_FIXED + table.actuator_bytes + 2
+    needs = (
+        ("bytes of params", len(expected.params.encode()), hello.params_room),
+        ("sensors and actuators", table.count, hello.entries_room),
+        ("bytes a packet", lib.VS_PACKET_MIN + max(down, up), hello.datagram_room),
+    )
+    lacks = [f"{size} {what}, of {room}" for what, size, room in needs if size > room]
+    return f"the experiment needs more than the robot can hold: {'; '.join(lacks)}" * bool(lacks)
 
 
 def _taken(tag: int) -> str:

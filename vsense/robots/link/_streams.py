@@ -16,8 +16,9 @@ from vsense.robots.link._session import HostSession, PendingSession
 from vsense.robots.link.wire import DATAGRAM_MAX, PacketType, packet_length
 
 VERSION_AT = 2
-OLDER_TAG_AT = 80
-"""Where the tag stood in a HELLO of version 1: behind header, uid and a nonce of 8 bytes."""
+OLDER_TAG_AT = {1: 80, 2: 100}
+"""Where the tag stood in a HELLO of an older version: behind header, uid, nonce and, in the second,
+start and uptime."""
 
 
 class Inbox:
@@ -33,10 +34,12 @@ class Inbox:
 
     @property
     def older_tag(self) -> int | None:
-        """The tag of the robot whose HELLO of version 1 of the protocol is here, if one is."""
-        if len(self._bytes) < OLDER_TAG_AT + 2 or self._bytes[2:4] != bytes([1, PacketType.HELLO]):
+        """The tag of the robot whose HELLO of an older version of the protocol is here, if any."""
+        version, kind = self._bytes[VERSION_AT : VERSION_AT + 2] or (0, 0)
+        at = OLDER_TAG_AT.get(version, len(self._bytes))
+        if kind != PacketType.HELLO or len(self._bytes) < at + 2:
             return None
-        return int.from_bytes(self._bytes[OLDER_TAG_AT : OLDER_TAG_AT + 2], "little")
+        return int.from_bytes(self._bytes[at : at + 2], "little")
 
     @property
     def newer(self) -> str:

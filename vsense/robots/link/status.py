@@ -340,7 +340,8 @@ class LinkFigures:
     Attributes:
         heard_s: of the time, how long after the first packet.
         packets: telemetry that came.
-        loss_up, loss_down: share of packets from the robot, and to it, that were lost, 0..1.
+        loss_up, loss_down: share of packets from the robot (of which most leave twice), and to it,
+            that were lost, 0..1.
         round_trip_p50_ms, round_trip_p99_ms: without the time that the robot held the echo.
         jitter_ms: mean difference of two successive packets' times on their way (RFC 3550, 6.4.1).
         gap_ms: longest time in which nothing was heard.

@@ -104,6 +104,7 @@ class Direction(IntEnum):
 
     SENSOR = lib.VS_SENSOR
     ACTUATOR = lib.VS_ACTUATOR
+    READING = lib.VS_READING
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +115,8 @@ class Entry:
         id: number on the wire, 0 to 255, unique in the table.
         name: what controllers bind to, unique in the table.
         layout: "[count*]type" with type u1 i2 u2 i4 u4 f4, little-endian.
-        direction: host to robot (sensor) or robot to host (actuator).
+        direction: host to robot (sensor) or robot to host: an actuator, whose level or counter the
+            host acts on, or a reading of the robot's own, with its age.
     """
 
     id: int
@@ -183,6 +185,18 @@ class Table:
         return [
             (entry, row.offset, row.size) for entry, row in rows if entry.direction == direction
         ]
+
+    def readings(self, payload: bytes) -> dict[str, tuple[bytes, int | None]]:
+        """A robot's own readings in its telemetry's payload, by name.
+
+        Each with how long before the packet left it was measured [us]; None: never.
+        """
+        found: dict[str, tuple[bytes, int | None]] = {}
+        for entry, at, size in self.of_direction(Direction.READING):
+            older_us = int.from_bytes(payload[at - 4 : at], "little")
+            never = older_us == lib.VS_NEVER_US
+            found[entry.name] = payload[at : at + size], None if never else older_us
+        return found
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Table) and self.entries == other.entries

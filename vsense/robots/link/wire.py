@@ -1,11 +1,10 @@
-"""Packets of protocol version 2 as Python values; every byte of them is made and read in C.
+"""Packets of protocol version 3 as Python values; every byte of them is made and read in C.
 
 `c_src/PROTOCOL.md` specifies them. Times are integer ns, each of the clock that its field names.
 """
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from enum import IntEnum
@@ -118,7 +117,8 @@ class Hello:
         started: random, of this start of the daemon: its counters and log lines begin with it.
         uptime_s: [s] since the board started.
         capabilities: bit 0: it has a key, and obeys only a host that has it, too.
-        params_room: [byte] of parameters that the robot can hold.
+        params_room, entries_room, datagram_room: what the robot can hold: [byte] of parameters,
+            entries of a table, [byte] of a STATE and of a TELEMETRY.
     """
 
     uid: bytes
@@ -132,6 +132,8 @@ class Hello:
     uptime_s: int = 0
     capabilities: int = 0
     params_room: int = lib.VS_PARAMS_MAX
+    entries_room: int = lib.VS_TABLE_MAX
+    datagram_room: int = lib.VS_DATAGRAM_MAX
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,7 +167,8 @@ class Telemetry:
     """What a robot reports; `struct vs_telemetry` in `c_src/vs_body.h` explains the fields.
 
     Attributes:
-        payload: the actuators' block in the table's order: levels or cumulative counters.
+        payload: what goes up in the table's order: levels or cumulative counters, and the robot's
+            own readings (`Table.readings`).
         log: the oldest log line that the host has not heard; `log_number` is its number.
         shown: the controller's named values, in the order in which it showed them first.
     """
@@ -199,7 +202,8 @@ class Telemetry:
     shown: ShownData = ()
 
 
-HELLO_NUMBERS = ("started", "uptime_s", "tag", "capabilities", "params_room")
+HELLO_ROOMS = ("params_room", "entries_room", "datagram_room")
+HELLO_NUMBERS = ("started", "uptime_s", "tag", "capabilities", *HELLO_ROOMS)
 HELLO_TEXTS = ("name", "controller", "version", "hash")
 HEADER_FIELDS = tuple(field.name for field in fields(Header))
 """Of `struct vs_header`; its key is no part of a packet."""
@@ -270,12 +274,6 @@ def believed(hello: bytes) -> Hello:
     if not isinstance(message, Hello):
         raise WireError(lib.VS_ERR_TYPE, "first packet of a connection")
     return message
-
-
-def is_older(packet: bytes) -> bool:
-    """Whether one whole packet has the check sum that vsense had before tags, in a tag's place."""
-    crc = zlib.crc32(packet[: -lib.VS_TAG_SIZE])
-    return packet[-lib.VS_TAG_SIZE :] == crc.to_bytes(4, "little") + bytes(12)
 
 
 def answer_key(root: bytes, hello: bytes) -> bytes:

@@ -79,12 +79,9 @@ def _commands(root: Element, texts: Mapping[str, str]) -> list[str]:
         (f"vsense sim {argos} --blind", "the control: every virtual sensor held at 0"),
         *_sweep(root, argos),
     ]
-    if _is_python(texts):
-        lines.append((f"vsense sim {argos} --web 8080", "shows it while it runs (extra web)"))
-    else:
-        there = "in real time, the whole chain; --web 8080 shows it (extra web)"
-        boards = f"vsense robot build --experiment {argos} --target epuck"
-        lines += [(f"vsense lab {argos}", there), (boards, "for real robots (extra robot)")]
+    there = "in real time, the whole chain; --web 8080 shows it (extra web)"
+    boards = f"vsense robot build --experiment {argos} --target epuck"
+    lines += [(f"vsense lab {argos}", there), (boards, "for real robots (extra robot)")]
     shown = [f"{command:{len(lines[0][0])}}  # {meaning}" for command, meaning in lines]
     return ["", "## Run it", "", "In this folder:", "", "```sh", *shown, "```"]
 

@@ -33,12 +33,14 @@ class CameraArray:
         cameras: The cameras.
         position_m: (c, 3) their centres in the arena frame.
         size_px: (c, 2) width and height of their pictures.
+        row_time_ns: (c,) see `Camera.row_time_s`.
     """
 
     def __init__(self, cameras: Sequence[Camera]) -> None:
         self.cameras = tuple(cameras)
         self.position_m = np.array([c.position_m for c in cameras], dtype=np.float64)
         self.size_px = np.array([(c.width_px, c.height_px) for c in cameras], dtype=np.float64)
+        self.row_time_ns = 1e9 * np.array([c.row_time_s for c in cameras], dtype=np.float64)
         self._focal_px = np.array([(c.fx_px, c.fy_px) for c in cameras])
         self._centre_px = np.array([(c.cx_px, c.cy_px) for c in cameras])
         self._rotation = np.array([c.rotation for c in cameras]).reshape(-1, 3, 3)

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import cv2
+import numpy as np
+from numpy.typing import NDArray
 
 from vsense.base.errors import GrabberError
 from vsense.vision.cameras.picture import Image, PictureError, decode, is_jpeg, to_grey
@@ -51,6 +53,9 @@ _MANUAL_EXPOSURE = 1
 EXPOSURE_UNIT_US = 100.0
 """V4L2 counts exposure_time_absolute in 100 us. Source: Linux, V4L2_CID_EXPOSURE_ABSOLUTE."""
 _MJPEG = cv2.VideoWriter.fourcc(*"MJPG")
+_YUYV = cv2.VideoWriter.fourcc(*"YUYV")
+_BLACK, _PER_STEP = 16.0, 255.0 / 219.0
+"""Of a luma: its black, and how many greys a step of it is. Source: ITU-R BT.601."""
 _PACKETS = -1
 """Value of CAP_PROP_FORMAT at which OpenCV hands over a stream's packets as they came."""
 
@@ -81,7 +86,7 @@ class DeviceSource:
         """Notes the device: "/dev/video0", a number such as "0", or a URL."""
         self._device = f"/dev/video{device}" if device.isdecimal() else device
         self._is_v4l2 = self._device.startswith("/dev/")
-        self._in_packets = False
+        self._in_packets = self._is_luma = False
         self._controls = controls
         self._capture: cv2.VideoCapture | None = None
 
@@ -114,8 +119,10 @@ class DeviceSource:
         if not ok or image is None:
             raise PictureError("a picture cannot be decoded")
         if self._in_packets:
-            return Shot(_unpack(image.tobytes()))
-        return Shot(to_grey(image), self._stamp_ns(self._capture))
+            grey = _unpack(image.tobytes())
+        else:
+            grey = grey_of_yuyv(image) if self._is_luma else to_grey(image)
+        return Shot(grey, self._stamp_ns(self._capture))
 
     def close(self) -> None:
         """See `Source.close`."""
@@ -150,9 +157,13 @@ class DeviceSource:
         settings = self._settings()
         taken = [capture.set(setting.key, setting.value) for setting in settings]
         messages = [self._compare(capture, setting, took) for setting, took in zip(settings, taken)]
-        # FFmpeg mends and stretches damaged JPEGs silently, so packets are decoded here.
-        packed = not self._is_v4l2 and int(capture.get(cv2.CAP_PROP_FOURCC)) == _MJPEG
-        self._in_packets = packed and bool(capture.set(cv2.CAP_PROP_FORMAT, _PACKETS))
+        # FFmpeg mends and stretches damaged JPEGs silently, and colours take most of the time: what
+        # the camera sends is decoded here.
+        raw = (cv2.CAP_PROP_CONVERT_RGB, 0) if self._is_v4l2 else (cv2.CAP_PROP_FORMAT, _PACKETS)
+        code = int(capture.get(cv2.CAP_PROP_FOURCC))
+        is_known = code == _MJPEG or (code == _YUYV and self._is_v4l2)
+        is_raw = is_known and bool(capture.set(*raw))
+        self._in_packets, self._is_luma = is_raw and code == _MJPEG, is_raw and code == _YUYV
         return [text for text in messages if text is not None]
 
     def _compare(self, capture: cv2.VideoCapture, item: _Setting, took: bool) -> str | None:
@@ -201,6 +212,18 @@ class DeviceSource:
         if not math.isfinite(position_ms) or position_ms <= 0.0:
             return None
         return round(1000.0 * position_ms) * 1000
+
+
+def grey_of_yuyv(image: NDArray[Any]) -> Image:
+    """Returns the (h, w) grey of an (h, w, 2) YUYV picture, as OpenCV has it by way of BGR.
+
+    Raises PictureError for another shape.
+    """
+    if image.ndim != 3 or image.shape[2] != 2:
+        raise PictureError(f"is no YUYV picture: shape {image.shape}")
+    luma = cv2.extractChannel(image, 0)
+    grey = cv2.addWeighted(luma, _PER_STEP, luma, 0.0, -_BLACK * _PER_STEP)
+    return np.asarray(grey, dtype=np.uint8)
 
 
 def _unpack(packet: bytes) -> Image:

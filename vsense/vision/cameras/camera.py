@@ -145,6 +145,7 @@ Floats = NDArray[np.float64]
 _UNDISTORT_STEPS = 12
 _STEP_M = 0.01
 _UNDISTORT_TOLERANCE = 1e-10
+_MOST_READOUT_S = 0.2
 
 
 class CameraError(VsenseError):
@@ -161,6 +162,8 @@ class Camera:
         distortion: k1, k2, p1, p2, k3 of OpenCV's model.
         rotation: 3x3 matrix, row by row, from the arena frame to the camera frame.
         position_m: The camera's centre in the arena frame.
+        row_time_s: Of a rolling shutter, from one row's exposure to the next one's; 0: all at once.
+            A picture's capture time is that of its middle row.
     """
 
     id: str
@@ -173,6 +176,7 @@ class Camera:
     distortion: tuple[float, ...]
     rotation: tuple[float, ...]
     position_m: tuple[float, ...]
+    row_time_s: float = 0.0
 
     def __post_init__(self) -> None:
         for name, size in (("distortion", 5), ("rotation", 9), ("position_m", 3)):
@@ -181,6 +185,11 @@ class Camera:
                 raise CameraError(f"camera {self.id}: {name}: {values!r} is not {size} numbers")
         if min(self.width_px, self.height_px) < 1 or not min(self.fx_px, self.fy_px) > 0.0:
             raise CameraError(f"camera {self.id}: size and focal length must be positive")
+        if not abs(self.row_time_s) * self.height_px <= _MOST_READOUT_S:
+            raise CameraError(
+                f"camera {self.id}: row_time_s: {self.row_time_s!r}: expected up to"
+                f" {_MOST_READOUT_S:g} s for all {self.height_px} rows"
+            )
         matrix = np.reshape(self.rotation, (3, 3))
         if not np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-6) or np.linalg.det(matrix) < 0:
             raise CameraError(f"camera {self.id}: rotation: the rows are no rotation matrix")
@@ -266,7 +275,10 @@ class Camera:
 
     def to_json(self) -> str:
         """Returns the camera as the text of a camera file."""
-        return json.dumps(asdict(self), indent=2)
+        values = asdict(self)
+        if self.row_time_s == 0.0:
+            del values["row_time_s"]
+        return json.dumps(values, indent=2)
 
     @classmethod
     def from_json(cls, text: str) -> Camera:
@@ -284,6 +296,7 @@ class Camera:
                 distortion=tuple(float(v) for v in values["distortion"]),
                 rotation=tuple(float(v) for v in values["rotation"]),
                 position_m=tuple(float(v) for v in values["position_m"]),
+                row_time_s=float(values.get("row_time_s", 0.0)),
             )
         except json.JSONDecodeError as error:
             raise CameraError(f"camera file: line {error.lineno}: {error.msg}") from None

@@ -198,6 +198,7 @@ class Kernel:
         height_m: float,
         windows: NDArray[np.int32] | None = None,
         thorough: bool = True,
+        wanted: int = 0,
     ) -> NDArray[np.void]:
         """Looks for markers in a whole picture, or in windows of it.
 
@@ -205,28 +206,21 @@ class Kernel:
             image: (height, width) uint8 picture of `camera`.
             height_m: Height of the markers above the floor.
             windows: (n, 4) left, top, right, bottom [px]; they may reach over the border.
-            thorough: Look a second time, where the cells are small enough to ask for it.
+            thorough: Look a second time, where the cells are small enough to ask for it, and
+            wanted: for markers under something else, where fewer than so many were read.
 
         Returns:
             (n,) MARKER, those that lie wholly in the picture.
         """
         view = self._prepare(image, camera, height_m)
         search = view.search if thorough else view.quick
+        search.wanted, self._count[0], full = wanted, 0, 0
         if windows is None:
             windows = np.array([(0, 0, image.shape[1], image.shape[0])], dtype=np.int32)
-        self._count[0] = full = 0
         window = kernel_ffi.new("struct vs_window *")
         for window.left, window.top, window.right, window.bottom in windows.tolist():
-            code = kernels.vs_markers_search(
-                self._work,
-                search,
-                view.outline,
-                view.view,
-                window,
-                self._buffer,
-                _CAPACITY,
-                self._count,
-            )
+            place = search, view.outline, view.view, window, self._buffer
+            code = kernels.vs_markers_search(self._work, *place, _CAPACITY, self._count)
             full |= check(code, f"camera {camera.id}")
         self.overflows += full != 0
         markers = np.array(self._markers[: self._count[0]])
@@ -286,6 +280,7 @@ class Kernel:
                 blocks = blocks_of(self._mask, camera, height_m, self._disc_m)
                 search.outside = kernel_ffi.cast("uint8_t *", blocks.outside.ctypes.data)
             quick = kernel_ffi.new("struct vs_search *", search[0])
+            quick.corners = 0
             for scan in quick.again:
                 scan.level_256 = 0
             self._views[key] = _View(_view(camera, height_m), search, quick, outline, warm, blocks)
@@ -333,6 +328,10 @@ class Kernel:
             row.level_256, row.least_light = scan
         search.print_256, search.has_veil = limits.print, limits.has_veil
         search.lead_m, search.least_apart_m = 1e-3 * float(lead_mm), self._apart_m
+        angles, side_m = shape.right_angles()
+        count = min(len(angles), kernels.VS_MARKERS_CORNERS)
+        search.corners, search.corner_side_m = count, side_m
+        search.corner = angles[:count].tolist()
         gate = search.gate
         length_m, area_m2 = 1e-3 * shape.length_mm, 1e-6 * shape.area_mm2
         gate.least_px = _LEAST_LENGTH * length_m * short

@@ -52,6 +52,20 @@ class _Seen:
         elapsed_s = 1e-9 * (now_ns - self.capture_ns)
         return bool(np.hypot(*(place - self.place)) <= _REACH_M + _SPEED_M_S * elapsed_s)
 
+    def is_unread_for_long(self, place: NDArray[np.float64], now_ns: int, is_legible: bool) -> bool:
+        """Takes that it was seen and not read; tells whether that is to be reported now."""
+        if self.unread == 0 or not is_legible or now_ns - self.capture_ns > 1e9 * _GAP_S:
+            self.unread_ns, self.unread = now_ns, 0
+        self.place, self.capture_ns = place, now_ns
+        self.unread += is_legible
+        if self.unread > 1:  # by this camera, and by no other meanwhile
+            self.readings = 0
+        elapsed_s = 1e-9 * (now_ns - self.unread_ns)
+        if self.reported or elapsed_s < UNREAD_S or self.unread < _PER_S * elapsed_s:
+            return False
+        self.reported = True
+        return True
+
 
 class MarkerWatch:
     """Watches all robots' markers; to be given each picture's detections."""
@@ -61,6 +75,7 @@ class MarkerWatch:
         self._cameras = {camera.id: camera for camera in cameras}
         self._heights_m = heights_m
         self._seen: dict[int, _Seen] = {}
+        self._nameless: list[_Seen] = []
 
     def update(self, frames: Sequence[Frame], seen: Mapping[str, NDArray[np.void]]) -> list[str]:
         """Takes pictures' DETECTION arrays, by their cameras; returns lines for people."""
@@ -81,8 +96,11 @@ class MarkerWatch:
         if len(unread) > max(1.0, _LEFT_UNREAD * len(rows)):
             return lines
         for row, tag in zip(unread.tolist(), self._whose(rows, places, unread, now_ns)):
+            is_legible = bool(rows["legible"][row])
             if tag in self._seen:
-                lines.append(self._unread(tag, places[row], now_ns, bool(rows["legible"][row])))
+                lines.append(self._unread(tag, places[row], now_ns, is_legible))
+            elif tag == UNNAMED:
+                lines.append(self._unnamed(places[row], now_ns, is_legible))
         return lines
 
     def _places(self, camera: Camera, rows: NDArray[np.void]) -> NDArray[np.float64]:
@@ -104,18 +122,23 @@ class MarkerWatch:
 
     def _unread(self, tag: int, place: NDArray[np.float64], now_ns: int, is_legible: bool) -> str:
         """Takes that a robot was seen and not read; returns what is to be told, or nothing."""
-        seen = self._seen[tag]
-        if seen.unread == 0 or not is_legible or now_ns - seen.capture_ns > 1e9 * _GAP_S:
-            seen.unread_ns, seen.unread = now_ns, 0
-        seen.place, seen.capture_ns = place, now_ns
-        seen.unread += is_legible
-        if seen.unread > 1:  # by this camera, and by no other meanwhile
-            seen.readings = 0
-        elapsed_s = 1e-9 * (now_ns - seen.unread_ns)
-        if seen.reported or elapsed_s < UNREAD_S or seen.unread < _PER_S * elapsed_s:
+        if self._seen[tag].is_unread_for_long(place, now_ns, is_legible):
+            return f"robot {tag}'s marker is damaged or covered: it is seen, but can not be read"
+        return ""
+
+    def _unnamed(self, place: NDArray[np.float64], now_ns: int, is_legible: bool) -> str:
+        """Takes a marker that never had a name; returns what is to be told, or nothing."""
+        self._nameless = [s for s in self._nameless if now_ns - s.capture_ns <= 1e9 * _GAP_S]
+        near = [seen for seen in self._nameless if seen.is_within_reach(place, now_ns)]
+        if not near:
+            near = [_Seen(place, now_ns)]
+            self._nameless += near
+        if len(near) > 1 or not near[0].is_unread_for_long(place, now_ns, is_legible):
             return ""
-        seen.reported = True
-        return f"robot {tag}'s marker is damaged or covered: it is seen, but can not be read"
+        return (
+            f"a marker at ({place[0]:.2f}, {place[1]:.2f}) m has no name: it is seen, but can not"
+            " be read, or its tag is not on the roster"
+        )
 
     def _whose(
         self,

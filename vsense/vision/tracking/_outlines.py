@@ -35,6 +35,9 @@ other, so that what blur does to all of them does not turn the square."""
 _SAMPLES_MIN = 8
 
 
+_RIGHT = 1e-6
+
+
 class OutlineShape(NamedTuple):
     """A convex black outline on white; lengths are in its own frame.
 
@@ -81,6 +84,23 @@ class OutlineShape(NamedTuple):
     def length_mm(self) -> float:
         """Distance of the two corners that are farthest apart."""
         return max(float(np.hypot(*(a - b))) for a in self.polygon_mm for b in self.polygon_mm)
+
+    def right_angles(self) -> tuple[Floats, float]:
+        """Returns its right angles, and the length of the shortest side at one of them [m].
+
+        (n, 4): the corner from `origin_mm` [m], and the unit vector from it between the two sides.
+        Where a quarter turn maps them on each other the first is enough.
+        """
+        corners = self.polygon_mm
+        sides = np.roll(corners, -1, axis=0) - corners
+        lengths = np.hypot(*sides.T)
+        out = sides / lengths[:, np.newaxis]
+        back = -np.roll(out, 1, axis=0)
+        is_right = np.abs((out * back).sum(axis=1)) < _RIGHT
+        shortest = np.minimum(lengths, np.roll(lengths, 1))[is_right].min(initial=np.inf)
+        places_m = 1e-3 * (corners - self.origin_mm)
+        angles = np.column_stack((places_m, (out + back) / np.sqrt(2.0)))
+        return angles[is_right][: 1 if is_right.all() else None], 1e-3 * float(shortest)
 
 
 def shape_of(family: MarkerFamily | SquareFamily) -> OutlineShape:

@@ -19,6 +19,8 @@ from vsense.vision.tracking._views import HEIGHT_DOUBT_M, VIEW, covariances
 
 Floats = NDArray[np.float64]
 
+_LATER_S = 0.1
+"""So much later than its picture a row may be exposed."""
 _NEW_VELOCITY = 0.6
 _HELD_SHARE = 0.3
 _ANY_YAW = math.pi**2 / 3.0
@@ -118,7 +120,7 @@ class RobotTracks:
         poses["x_m"] = last["x_m"] + ahead_s * rows["velocity_m_s"][:, 0]
         poses["y_m"] = last["y_m"] + ahead_s * rows["velocity_m_s"][:, 1]
         carried = wrap_angle(last["yaw_rad"] + ahead_s * rows["turn_rad_s"])
-        poses["yaw_rad"] = np.where(ahead_s > 0.0, carried, last["yaw_rad"])
+        poses["yaw_rad"] = np.where(ahead_s != 0.0, carried, last["yaw_rad"])
         poses["speed_m_s"] = np.hypot(*rows["velocity_m_s"].T)
         poses["capture_ns"] = last["capture_ns"]
         poses["age_ns"] = np.maximum(now_ns - last["capture_ns"], 0)
@@ -130,8 +132,8 @@ class RobotTracks:
         return poses
 
     def _age_s(self, now_ns: int) -> Floats:
-        """Returns how long ago the robots were seen, (n,)."""
-        return np.maximum(1e-9 * (now_ns - self.rows["last"]["capture_ns"]), 0.0)
+        """Returns how long ago the robots were seen, (n,); less than 0 in a row that came later."""
+        return np.maximum(1e-9 * (now_ns - self.rows["last"]["capture_ns"]), -_LATER_S)
 
     def _covariances(self, age_s: Floats) -> Floats:
         """Returns the covariances of the errors of the poses, (n, 3, 3): x, y [m] and yaw [rad].
@@ -140,6 +142,7 @@ class RobotTracks:
         having been carried on, it may have driven on or not.
         """
         limits, covariance = self._limits, covariances(self.rows["last"])
+        age_s = np.abs(age_s)
         held = np.maximum(age_s - limits.carry_s, 0.0)
         gone = limits.max_speed_m_s * (limits.speed_doubt * age_s + _HELD_SHARE * held)
         covariance[:, 0, 0] += gone**2

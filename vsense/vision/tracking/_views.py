@@ -123,6 +123,8 @@ def make_views(
 ) -> NDArray[np.void]:
     """Returns what each camera sees, (n,) VIEW; `capture_ns` is each picture's.
 
+    Each is as old as its row of the picture.
+
     A view far from the camera's foot point weighs less, because a wrong height shifts it more;
     `height_doubt_m` is the standard deviation of the markers' heights.
     """
@@ -136,7 +138,9 @@ def make_views(
     pixels = np.stack((rows["x_px"], rows["y_px"]), axis=-1)
     views["tag"], views["yaw_rad"], views["cameras"] = rows["tag"], rows["yaw_rad"], 1
     views["x_m"], views["y_m"] = ground_m.T
-    views["capture_ns"] = np.array(capture_ns, dtype=np.int64)[picture]
+    below = rows["y_px"] - 0.5 * (cameras.size_px[camera, 1] - 1.0)
+    later_ns = np.rint(cameras.row_time_ns[camera] * below).astype(np.int64)
+    views["capture_ns"] = np.array(capture_ns, dtype=np.int64)[picture] + later_ns
     views["weight"] = _fade(cameras.size_px[camera], pixels) / (own + (sensitivity**2).sum(axis=1))
     views["covariance"] = covariance[:, _UPPER[0], _UPPER[1]]
     views["height_sensitivity"] = sensitivity

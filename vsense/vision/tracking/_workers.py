@@ -75,11 +75,12 @@ class LayeredKernel:
         camera: Camera,
         windows: NDArray[np.int32] | None = None,
         thorough: bool = True,
+        wanted: int = 0,
     ) -> NDArray[np.void]:
         """See `Kernel.search`; places and sizes are given on the plane of reference."""
         parts = []
         for height_m in self._layers_of(camera):
-            markers = self._kernel.search(image, camera, height_m, windows, thorough)
+            markers = self._kernel.search(image, camera, height_m, windows, thorough, wanted)
             parts.append(self._refer(markers, camera, height_m))
         return _joined(parts)
 
@@ -238,6 +239,7 @@ class Kernels:
         windows: NDArray[np.int32] | None = None,
         of: Index | None = None,
         quick: NDArray[np.bool_] | None = None,
+        wanted: Index | None = None,
     ) -> Rows:
         """Looks for markers in all pictures, or in windows of them.
 
@@ -245,6 +247,7 @@ class Kernels:
             windows: (n, 4) see `Kernel.search`.
             of: (n,) in which picture each window is.
             quick: (n,) which of the pictures need no thorough search; see `Kernel.search`.
+            wanted: (n,) where so many were read, none is looked for that something lies over.
 
         Returns:
             (k,) MARKER, sorted by the picture.
@@ -256,7 +259,8 @@ class Kernels:
             if mine is not None and len(mine) == 0:
                 return np.zeros(0, dtype=MARKER)
             before = kernel.overflows
-            markers = kernel.search(*picture, mine, quick is None or not quick[piece])
+            more = 0 if wanted is None else int(wanted[piece])
+            markers = kernel.search(*picture, mine, quick is None or not quick[piece], more)
             self.full[piece] |= kernel.overflows != before
             return markers
 

@@ -48,6 +48,10 @@ _THOROUGH = 4
 """Of a camera, every so many key frames get a second look (see `_is_quick`): small newcomers wait
 that long, 0.07 s where every picture of 60 a second is one."""
 
+_COVERED = 20
+"""Where robots of the roster are nowhere to be seen, those of which something covers a part are
+looked for in every so many, too: a multiple of `_THOROUGH`."""
+
 
 class Detected(NamedTuple):
     """DETECTION `rows` of one picture, and whether it held more than the detector's tables."""
@@ -95,7 +99,9 @@ class MarkerDetector:
         """Returns what is in each picture; what is not wholly in one is not reported."""
         self._kernels.begin(pictures)
         if (prediction := self._prediction) is None:
-            markers = self._believed(self._kernels.search(), gather([np.zeros(0, dtype=EXPECTED)]))
+            wanted = np.full(len(pictures), len(self._roster))
+            markers = self._kernels.search(wanted=wanted)
+            markers = self._believed(markers, gather([np.zeros(0, dtype=EXPECTED)]))
             tags = markers.values["tag"].astype(np.int32)
         else:
             self._look_through(tuple(picture.camera for picture in pictures))
@@ -135,7 +141,11 @@ class MarkerDetector:
         """Searches what the plan says, and fits robots where they must be; returns (n,) MARKER."""
         markers = gather([np.zeros(0, dtype=MARKER)])
         if prediction.is_key_frame:
-            markers = self._kernels.search(quick=self._is_quick(prediction, expected))
+            turns = self._take_turns()
+            is_gone = ~is_in(self._roster, prediction.expected["tag"])
+            wanted = np.where((turns % _COVERED == 0) & is_gone.any(), len(self._roster), 0)
+            quick = self._is_quick(prediction, expected, turns)
+            markers = self._kernels.search(quick=quick, wanted=wanted)
             markers = self._believed(markers, expected)
         if prediction.is_key_frame or prediction.plan.warm:
             missing = self._contained(expected.where(~are_near(expected, markers)))
@@ -150,19 +160,27 @@ class MarkerDetector:
             markers = join(markers, self._believed(more, expected))
         return markers
 
-    def _is_quick(self, prediction: Prediction, expected: Rows) -> NDArray[np.bool_]:
+    def _take_turns(self) -> Index:
+        """Returns (n,) how many of its pictures each camera has had, and its place among them.
+
+        Each counts its own: one with a slower clock would else miss its turn each time.
+        """
+        ids = [camera.id for camera in self._cameras.cameras]
+        for id in ids:
+            self._turns[id] = self._turns.get(id, len(self._turns)) + 1
+        return np.array([self._turns[id] for id in ids], dtype=np.intp)
+
+    def _is_quick(self, prediction: Prediction, expected: Rows, turns: Index) -> NDArray[np.bool_]:
         """Tells which pictures need no second look, (n,): what it shows besides is a newcomer.
 
         Robots that the first look does not show are followed to where they must be. So pictures
         take turns, but for those in which a robot was lost or something has no name, and those
-        in which nobody is expected. Each camera counts its own pictures: one with a slower clock
-        would else miss its turn each time.
+        in which nobody is expected.
         """
         quick = np.bincount(expected.picture, minlength=len(self._cameras.cameras)) > 0
         for number, camera in enumerate(self._cameras.cameras):
-            turn = self._turns[camera.id] = self._turns.get(camera.id, len(self._turns)) + 1
             is_settled = camera.id not in self._unsettled and camera.id not in prediction.anonymous
-            quick[number] &= turn % _THOROUGH != 0 and is_settled
+            quick[number] &= turns[number] % _THOROUGH != 0 and is_settled
         return np.asarray(quick)
 
     def _contained(self, expected: Rows) -> Rows:

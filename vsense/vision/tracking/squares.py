@@ -21,7 +21,7 @@ from vsense.vision.markers._dictionary import (
     load_codes,
 )
 from vsense.vision.markers.families import SquareFamily, known_families, load_family
-from vsense.vision.tracking._squares_edges import Sides, fit_local_corners, fit_sides
+from vsense.vision.tracking._squares_edges import Sides, fit_local_corners, fit_sides, glance
 from vsense.vision.tracking._squares_words import WordReader
 
 _WINDOW = 0.9
@@ -34,6 +34,8 @@ _NOISE_ROWS = 32
 _DARKNESS, _LEAST_STEP_GREY, _NOISE_STEP = 0.96, 3.0, 2.0
 """Dark is below this share of the local mean, less so many grey values, or less so many times the
 picture's noise where that is more."""
+_TOGETHER_GREY = 84
+"""Mean of the 3 x 3 pixels around one that has two dark neighbours, less one."""
 _FULLNESS = 0.8
 """Least share of a quadrilateral that the hull fills."""
 _SLIMNESS = 0.4
@@ -72,22 +74,30 @@ def find_quads(
 
 
 def _dark(image: NDArray[np.uint8], window: int, step: int) -> NDArray[np.uint8]:
-    mean = cv2.boxFilter(image, -1, (window, window))
-    level = cv2.addWeighted(mean, _DARKNESS, mean, 0.0, -float(step))
-    return np.asarray(cv2.compare(image, level, cv2.CMP_LT), dtype=np.uint8)
+    # In one picture's memory: fresh memory costs more than what is done with it.
+    dark = cv2.boxFilter(image, -1, (window, window))
+    cv2.addWeighted(dark, _DARKNESS, dark, 0.0, -float(step), dst=dark)
+    cv2.compare(image, dark, cv2.CMP_LT, dst=dark)
+    # Pixels that stand alone or in twos are noise, and contours of their own.
+    near = cv2.boxFilter(dark, -1, (3, 3), borderType=cv2.BORDER_REPLICATE)
+    cv2.threshold(near, _TOGETHER_GREY, 255, cv2.THRESH_BINARY, dst=near)
+    cv2.bitwise_and(dark, near, dst=dark)
+    return np.asarray(dark, dtype=np.uint8)
 
 
 def _quads(dark: NDArray[np.uint8], least_px: float, most_px: float) -> list[NDArray[np.float32]]:
     contours, _ = cv2.findContours(dark, cv2.RETR_LIST, cv2.CHAIN_APPROX_SIMPLE)
-    thin, least, most = _SLIMNESS * least_px, least_px**2 / 4.0, 2.0 * most_px**2
+    contours = [contour for contour in contours if len(contour) > 3]
+    if not contours:
+        return []
+    points = np.concatenate(contours)[:, 0]
+    starts = np.cumsum([0, *(len(contour) for contour in contours[:-1])])
+    size = np.maximum.reduceat(points, starts) - np.minimum.reduceat(points, starts) + 1
+    is_large = (size.max(axis=1) >= least_px) & (size.min(axis=1) >= _SLIMNESS * least_px)
+    least, most = least_px**2 / 4.0, 2.0 * most_px**2
     quads = []
-    for contour in contours:
-        if len(contour) < 4:
-            continue
-        _, _, width, height = cv2.boundingRect(contour)
-        if max(width, height) < least_px or min(width, height) < thin:
-            continue
-        hull = cv2.convexHull(contour)
+    for place in np.flatnonzero(is_large).tolist():
+        hull = cv2.convexHull(contours[place])
         filled = cv2.contourArea(hull)
         if len(hull) < 4 or not least < filled < most:
             continue
@@ -114,8 +124,12 @@ def lengths(quads: Floats) -> Floats:
 def noise_level(image: NDArray[np.uint8]) -> float:
     """Returns the standard deviation of the noise, from neighbours on a part of the rows."""
     rows = image[:: max(len(image) // _NOISE_ROWS, 1)].astype(np.int16)
-    second = rows[:, 2:] - 2 * rows[:, 1:-1] + rows[:, :-2]
-    return float(1.4826 * np.median(np.abs(second)) / np.sqrt(6.0)) if second.size else 0.0
+    second = np.abs(rows[:, 2:] - 2 * rows[:, 1:-1] + rows[:, :-2])
+    if second.size == 0:
+        return 0.0
+    below = np.cumsum(np.bincount(second.ravel()))
+    middle = np.searchsorted(below, [(second.size + 1) // 2, second.size // 2 + 1]).mean()
+    return float(1.4826 * middle / np.sqrt(6.0))
 
 
 def _windows(least_px: float, most_px: float) -> list[int]:
@@ -146,12 +160,14 @@ in DETECTION; `residual_px` the root mean square distance of the edges found to 
 `blur_px` the standard deviation of the point spread across them.
 """
 
-_PASSES = ((0.12, 1.6, 6.0, 12, 13), (0.08, 1.6, 4.0, 20, 13))
+_PASSES = ((0.12, 1.6, 6.0, 8, 11), (0.08, 1.6, 4.0, 20, 13))
 """Each pass of the fit: how far to look [sides], its limits [px], normals and grey values."""
 
 LEAST_SIDE_PX = 10.0
 """Side of the smallest marker that is looked for where the size is not known."""
 
+_LEAST_RISE = -16.0
+"""[grey] A candidate of which a side is so much darker outside than inside is not fitted."""
 _LEAST_CONTRAST = 6.0
 _NOISE_CONTRAST = 0.7
 _LEAST_COVERAGE = 0.5
@@ -164,6 +180,8 @@ hole is a word's only white cells. What is nearer to its word than to the next b
 times its error, and has sides as crooked as that, as a share of their length, is no marker. Markers
 that read as badly lie in a glare, and have straight sides."""
 _SAME = 0.05
+_ALIKE_PX = 0.5
+"""Candidates that differ less are fitted once."""
 _BORDER_PX = 1.0
 _TOGETHER = 4096
 """Candidates that are fitted or read together, in some 300 MB: a textured picture of 50 megapixels
@@ -197,7 +215,7 @@ class SquareFinder:
         """
         longest = float(max(image.shape)) if most_px is None else most_px
         noise = noise_level(image)
-        quads = find_quads(image, least_px, longest, noise)
+        quads = _once(find_quads(image, least_px, longest, noise))
         if len(quads) == 0:
             return np.zeros(0, dtype=SQUARE)
         fitted = [self._fit(image, quads[part], noise) for part in _parts(len(quads))]
@@ -265,19 +283,34 @@ def _rows(sides: Sides, read: NDArray[np.void]) -> NDArray[np.void]:
 
 def _refine(image: NDArray[np.uint8], quads: Floats) -> Sides:
     """Fits the sides of (n, 4, 2) candidates; those that run away are dropped."""
+    share, least, most, *_ = _PASSES[0]
+    rises = glance(image, quads, _reach(quads, share, least, most))
+    quads = quads[(rises > _LEAST_RISE).all(axis=1)]
     none = np.zeros((len(quads), 4))
     sides = Sides(quads, none, none, none, none, none)
     for share, least, most, samples, steps in _PASSES:
         start = sides.corners_px
         if len(start) == 0:
             break
-        across = np.abs(area(start))[:, np.newaxis] / np.maximum(lengths(start), 1.0)
-        reach = np.clip(share * across, least, most)
+        reach = _reach(start, share, least, most)
         sides = fit_sides(image, start, reach, samples, steps)
         moved = np.hypot(*np.moveaxis(sides.corners_px - start, -1, 0)).max(axis=1)
         steady = np.isfinite(moved) & (moved < 3.0 * reach.max(axis=1))
         sides = sides.keep(steady & (sides.contrast.min(axis=1) > _LEAST_CONTRAST))
     return sides
+
+
+def _reach(quads: Floats, share: float, least_px: float, most_px: float) -> Floats:
+    """Returns how far to look across each side, (n, 4): a share of the width there."""
+    across = np.abs(area(quads))[:, np.newaxis] / np.maximum(lengths(quads), 1.0)
+    return np.clip(share * across, least_px, most_px)
+
+
+def _once(quads: Floats) -> Floats:
+    """Leaves out (n, 4, 2) candidates at the place and of the size of an earlier one."""
+    size = np.sqrt(np.abs(area(quads)))[:, np.newaxis]
+    places = np.rint(np.concatenate((quads.mean(axis=1), size), axis=1) / _ALIKE_PX)
+    return quads[np.sort(np.unique(places, axis=0, return_index=True)[1])]
 
 
 def _distinct(sides: Sides) -> NDArray[np.intp]:

@@ -52,6 +52,8 @@ _MAX_MESSAGES = 32
 _ARGOS_BYTES = 480
 """Of all places of a reading: so much of a datagram is left beside a robot's other sensors."""
 _MAX_NOISE_M = 1e3
+_MOST_NOTED = 2000
+"""Robots, of which it is noted whether the line between two is free."""
 _MAX_PACKETS = 2**32 - 1
 
 
@@ -114,7 +116,10 @@ class _Hearing:
             "places_m": kernel_ffi.new("double[]", 3 * len(world.robots)),
             "heard": kernel_ffi.new("struct vs_noticed[]", room),
             "counts": kernel_ffi.new("uint32_t[]", robots + 1),
+            "lines": kernel_ffi.NULL,
         }
+        if sensor.reach.height_m is not None and len(world.robots) <= _MOST_NOTED:
+            self._arrays["lines"] = kernel_ffi.new("uint8_t[]", len(world.robots) ** 2 + 1)
         members = {
             "world": world.sightings.cdata,
             "range_m": sensor.reach.range_m,

@@ -1,0 +1,128 @@
+"""A run that is stepped, and the environment for learning: PettingZoo's own tests among others."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pettingzoo.test import parallel_api_test, parallel_seed_test
+from pettingzoo.test.render_test import render_test
+from pettingzoo.utils.conversions import parallel_to_aec
+
+import vsense
+from tests.rigs.places import DATA
+from vsense import SteppedSimulation, cli
+from vsense.base.errors import UsageError
+from vsense.studies.notebook import parallel_env
+
+STEPS_PER_CM = 77.64
+"""Of an e-puck's wheel. Source: robot/controller.h."""
+
+
+def controller(name: str) -> Any:
+    names: dict[str, Any] = {}
+    exec((DATA / "python" / f"{name}.py").read_text(), names)
+    return names["SwarmController"]
+
+
+def test_a_stepped_run_is_that_of_the_controller_in_c(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["sim", "phototaxis", "--duration", "20", "--seed", "4", "-o", "c"]) == 0
+    with np.load("c/trajectory.npz") as run:
+        poses, leds = run["poses"], run["leds"]
+    experiment = vsense.load("phototaxis", duration_s=20).experiment
+    with SteppedSimulation(experiment, 4) as sim:
+        moths = controller("moths")(sim.swarm)
+        for timestep in range(200):
+            assert (sim.timestep, sim.done) == (timestep, False)
+            assert np.array_equal(sim.poses, poses[timestep])
+            moths.step(sim.swarm)
+            sim.step()
+        assert sim.done and not sim.finished and leds.any()
+        with pytest.raises(ValueError, match="the run is over"):
+            sim.step()
+    assert not any("_work" in thread.name for thread in threading.enumerate())
+
+
+def test_a_run_that_is_left_ends_and_one_that_fails_says_why() -> None:
+    experiment = vsense.load("phototaxis", duration_s=20).experiment
+    before = threading.active_count()
+    with SteppedSimulation(experiment, 1) as sim:
+        sim.step()
+    assert threading.active_count() == before and sim.done
+    with SteppedSimulation(experiment, 1) as sim, pytest.raises(ValueError, match="one number"):
+        sim.swarm.set_wheels([1, 2], 3)
+
+
+def make(**how: Any) -> Any:
+    return parallel_env("foraging", **{"robots": 4, "duration_s": 5, **how})
+
+
+def test_it_is_what_pettingzoo_asks_for() -> None:
+    parallel_api_test(make(), num_cycles=150)
+    parallel_seed_test(make, num_cycles=60)
+    render_test(lambda render_mode: parallel_to_aec(make(render_mode=render_mode)))
+
+
+def test_agents_actions_and_observations() -> None:
+    env = make(leds=True, actuators={"pheromone_release": (0.0, 2.0)})
+    observations, _ = env.reset(seed=3)
+    assert env.agents == ["robot_31", "robot_1843", "robot_4334", "robot_7167"]
+    assert env.action_space("robot_31").shape == (4,)
+    start = env.state().reshape(-1, 3)
+    ahead = dict.fromkeys(env.agents, np.array([0.5, 0.5, 1.0, 1.0], np.float32))
+    for _ in range(10):
+        observations, rewards, *_ = env.step(ahead)
+    moved_m = np.hypot(*(env.state().reshape(-1, 3) - start)[:, :2].T)
+    # 10 steps at 500 steps/s but for those before the first command: 6.44 cm in a second.
+    free = moved_m > 0.04
+    assert free.any()
+    assert np.allclose(moved_m[free], 0.01 * 500 / STEPS_PER_CM, atol=0.007)
+    space = env.observation_space("robot_31")
+    assert all(space.contains(row) for row in observations.values())
+    smelt = env.simulation.swarm.sensor("pheromone").value
+    assert (smelt > 0.0).all(), "they smell what they have released"
+    assert all(smelt[row].astype(np.float32) in o for row, o in enumerate(observations.values()))
+    assert (env.simulation._run.leds == 0xFF).all() and set(rewards.values()) == {0.0}
+    env.close()
+
+
+def test_rewards_are_a_measures_increase_or_a_function() -> None:
+    env = make(reward=lambda sim: sim.poses[:, 0])
+    env.reset(seed=1)
+    still = dict.fromkeys(env.agents, np.zeros(2, np.float32))
+    _, rewards, *_ = env.step(still)
+    assert np.allclose(list(rewards.values()), env.state().reshape(-1, 3)[:, 0], atol=1e-6)
+    env = parallel_env("phototaxis", robots=3, duration_s=3)
+    env.reset(seed=1)
+    total, first = 0.0, env.simulation.results["light_distance_m"]
+    still = dict.fromkeys(env.agents, np.zeros(2, np.float32))
+    while env.agents:
+        _, rewards, terminations, truncations, infos = env.step(still)
+        total += rewards["robot_31"]
+    assert total == pytest.approx(infos["robot_31"]["measures"]["light_distance_m"] - first)
+    assert set(truncations.values()) == {True} and set(terminations.values()) == {False}
+    with pytest.raises(UsageError, match="reset"):
+        env.step(still)
+
+
+@pytest.mark.parametrize(
+    ("experiment", "how", "words"),
+    [
+        ("foraging", {"reward": "item_home"}, "is 'items_home' meant"),
+        ("pollutant", {}, r"measures nothing; give reward="),
+        ("predator_prey", {}, "one controller to be stepped, not predator, prey"),
+        ("foraging", {"actuators": {"pheromone": (0, 1)}}, "is 'pheromone_release' meant"),
+        ("foraging", {"render_mode": "ansi"}, "expected human or rgb_array"),
+    ],
+)
+def test_what_cannot_be_learnt_in_is_one_sentence(
+    experiment: str, how: dict[str, Any], words: str
+) -> None:
+    with pytest.raises(UsageError, match=words):
+        parallel_env(experiment, **how).reset()

@@ -1,0 +1,171 @@
+"""A simulation that its caller takes from one control step to the next, and decides for all robots.
+
+The run goes on in a thread of its own, in which nothing else happens: while the caller decides it
+waits, and the other way round. It is the simulation of `vsense sim`, in this process.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.base.errors import UsageError
+from vsense.config.specs import Experiment
+from vsense.modes.sim._simulation import Simulation
+from vsense.robots.hosted import HostedProgram, build_host
+from vsense.robots.python_swarm import Leds, Swarm
+from vsense.run.programs import shared_objects
+
+PICTURE_PX = 600
+"""Width of a picture of the arena."""
+
+
+class _Abandoned(Exception):
+    """The caller has gone."""
+
+
+def check_steppable(experiment: Experiment) -> None:
+    """Raises UsageError where an experiment has several controllers."""
+    if len(experiment.controllers) != 1:
+        named = ", ".join(controller.id for controller in experiment.controllers)
+        raise UsageError(f"{experiment.file}: expected one controller to be stepped, not {named}")
+
+
+class SteppedSimulation:
+    """One run; begins at its first control step.
+
+    `with` ends it. Between two steps `swarm` has what the robots sense now, and takes what they do.
+
+    Attributes:
+        experiment: what runs; all robots have the same controller, which is left out.
+        timestep: of the run, whose control step the robots are in.
+        done: the run is over.
+        finished: it was ended by its loop functions, before its length was over.
+    """
+
+    def __init__(
+        self, experiment: Experiment, seed: int, blind: bool = False, draws: bool = False
+    ) -> None:
+        """Starts the run; `draws`: `picture` will be asked for.
+
+        Raises:
+            UsageError: there are several controllers.
+            VsenseError: it cannot be simulated.
+        """
+        check_steppable(experiment)
+        build_host()
+        self.experiment, self.timestep, self.done, self.finished = experiment, -1, False, False
+        self._program: _SteppedProgram | None = None
+        self._leaves, self._error = False, None
+        self._decided, self._waits = threading.Semaphore(0), threading.Semaphore(0)
+        loop = shared_objects(replace(experiment, controllers=()))
+        libraries = {**loop, experiment.controllers[0].id: Path(experiment.controllers[0].id)}
+        self._run = Simulation(experiment, libraries, seed, blind, opener=self._open)
+        if draws:  # the world is then up to date in every timestep
+            self._run.observe = lambda timestep: None
+        self._thread = threading.Thread(target=self._work, daemon=True)
+        self._thread.start()
+        self._wait()
+
+    _error: BaseException | None
+
+    @property
+    def swarm(self) -> Swarm:
+        """The robots, in the order of `tags`."""
+        assert self._program is not None
+        return self._program.swarm
+
+    @property
+    def results(self) -> Mapping[str, Any]:
+        """The experiment's measures now, by name."""
+        return self._run.environment.world.results
+
+    @property
+    def poses(self) -> NDArray[np.float64]:
+        """(n, 3) x, y [m] and yaw [rad] of the robots, as they truly are."""
+        return np.array(self._run.record.poses[self.timestep, : len(self.swarm)])
+
+    def picture(self, width_px: int = PICTURE_PX) -> NDArray[np.uint8]:
+        """(h, w, 3) RGB: the arena from above, now."""
+        from vsense.monitor.pictures.run_figure import draw_arena  # with OpenCV
+
+        run = self._run
+        lit = (run.leds & Leds.RING) != 0
+        image = draw_arena(self.experiment, run.environment.world, self.poses, lit, width_px)
+        return np.ascontiguousarray(image[:, :, ::-1])
+
+    def step(self) -> None:
+        """Has the robots do what was set, and goes on to their next control step, or to the end.
+
+        Raises:
+            VsenseError: the run has failed.
+            ValueError: it is over.
+        """
+        if self.done:
+            raise ValueError("the run is over")
+        self._decided.release()
+        self._wait()
+
+    def close(self) -> None:
+        """Ends the run."""
+        self._leaves = True
+        self._decided.release()
+        self._thread.join()
+
+    def __enter__(self) -> SteppedSimulation:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _wait(self) -> None:
+        self._waits.acquire()
+        if self._error is not None:
+            error, self._error = self._error, None
+            raise error
+
+    def _open(self, *arguments: Any, **named: Any) -> HostedProgram:
+        self._program = _SteppedProgram(self._turn, *arguments, **named)
+        return self._program
+
+    def _turn(self) -> None:
+        """In the run's thread: a control step begins, and waits for the caller."""
+        if self._leaves:
+            raise _Abandoned
+        self.timestep += 1
+        self._waits.release()
+        self._decided.acquire()
+        if self._leaves:
+            raise _Abandoned
+
+    def _work(self) -> None:
+        try:
+            self._run.run()
+            self.finished = self._run.environment.finished
+        except _Abandoned:
+            pass
+        except BaseException as error:
+            self._error = error
+        self.done = True
+        self._waits.release()
+
+
+class _SteppedProgram(HostedProgram):
+    """Robots whose control step is `turn`."""
+
+    def __init__(self, turn: Callable[[], None], *arguments: Any, **named: Any) -> None:
+        self._turn = turn
+        super().__init__(*arguments, **named)
+
+    def act(self) -> None:
+        self._turn()
+
+
+Reward = Callable[[SteppedSimulation], Any]
+"""Gives one number, or one for each robot, after every step."""

@@ -1,0 +1,123 @@
+"""Robots whose runtime is C's, and for which this process decides: `robot/hosted.h`.
+
+A control step is that of `CompiledProgram`: C has the sensors' ages, what of them is fused, the
+limits of what a robot may do and when it must stand. Before it, `act` reads and sets.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vsense.base.native import ffi, lib
+from vsense.robots import build
+from vsense.robots.inprocess import (
+    PROGRESS_BYTES,
+    CompiledProgram,
+    ProgramKernel,
+    declarations,
+    functions,
+)
+from vsense.robots.link.table import Direction, Table
+from vsense.robots.link.wire import Wanted
+from vsense.robots.python_swarm import HostedRobots, Swarm
+
+_HOST = "stand_still"
+"""The controller in C that leaves alone what its host sets."""
+
+
+def build_host() -> Path:
+    """Gives the shared object of the robots; raises as `build.shared`."""
+    return build.shared(_HOST)
+
+
+class HostedProgram(CompiledProgram):
+    """All robots of a controller that this process decides for; see `CompiledProgram`.
+
+    Attributes:
+        swarm: what they sense and do.
+        notes: timestep, and 1 + the robot that is in its control step.
+    """
+
+    def __init__(
+        self,
+        library: Path,
+        tags: Sequence[int],
+        table: Table,
+        timestep_ns: int,
+        seed: int,
+        params: str | Mapping[int, str],
+        progress: Any = None,
+    ) -> None:
+        """Greets every robot; `library` is the file that decides, and gives the name."""
+        progress = bytearray(PROGRESS_BYTES) if progress is None else progress
+        built, self._name = build_host(), library.stem
+        super().__init__(built, tags, table, timestep_ns, seed, params, progress)
+        self.notes = np.frombuffer(progress, dtype=np.uint32)
+        counts = _counts(table, Direction.SENSOR), _counts(table, Direction.ACTUATOR)
+        robots = HostedRobots(functions(built, "hosted"), self._all, len(self.tags))
+        self.swarm = Swarm(robots, self.tags, timestep_ns * 1e-9, *counts)
+        self._begun, self._raised = False, None
+        self._step_of_c = ffi.callback(declarations()["vs_inprocess_step"], self._step_for_c)
+
+    _raised: BaseException | None
+
+    @property
+    def controller(self) -> str:
+        """The file's name."""
+        return self._name
+
+    @abstractmethod
+    def act(self) -> None:
+        """Reads what the swarm senses, and sets what it does in this control step."""
+
+    def begin(self) -> None:
+        """See `Program.begin`."""
+        super().begin()
+        self._begun = True
+
+    def decide(self, wanted: Wanted) -> None:
+        """See `CompiledProgram.decide`."""
+        if wanted is not Wanted.RUN:
+            return
+        if not self._begun:
+            self.begin()
+        self.swarm.runtime.call("sense", self._now)
+        self.swarm.steps += 1
+        self.notes[0] = self._now.timestep
+        self.act()
+        self.swarm.send()
+
+    def kernel(self) -> ProgramKernel:
+        """See `CompiledProgram.kernel`: C asks this process what to do in every timestep."""
+        return super().kernel()._replace(step=int(ffi.cast("uintptr_t", self._step_of_c)))
+
+    def _step_for_c(self, robots: Any, now: Any) -> int:
+        """A control step that C asks for; what it raises waits for `check`."""
+        try:
+            self.decide(Wanted.RUN)
+            return int(self._lib.vs_inprocess_step(robots, now))
+        except BaseException as error:
+            self._raised = error
+            return int(lib.VS_ERR_STATE)
+
+    def check(self) -> None:
+        """See `Program.check`."""
+        if self._raised is not None:
+            raise self._raised
+        super().check()
+
+    def complaints(self) -> list[str]:
+        """See `Program.complaints`."""
+        ours, theirs = f"controller '{_HOST}'", f"controller '{self._name}'"
+        return [line.replace(ours, theirs, 1) for line in super().complaints()]
+
+
+def _counts(table: Table, direction: Direction) -> dict[str, int]:
+    """How many numbers the entries have, by name."""
+    layouts = {e.name: e.layout for e in table.entries if e.direction == direction}
+    return {n: int(layout.rpartition("*")[0] or 1) for n, layout in layouts.items()}
