@@ -277,7 +277,8 @@ def test_names_that_may_be_meant() -> None:
     assert errors.instead("q", ["b", "a"], "known are") == "known are: a, b"
     assert errors.instead("q", []) == "there are: none"
     assert errors.instead("?", map(str, range(41))).endswith(", 7, 8, 9")
-    assert errors.instead("?", map(str, range(62))).endswith(", 7 and 2 others")
+    assert errors.instead("?", map(str, range(122))).endswith(", 97 and 2 others")
+    assert "others" not in errors.instead("nix", map(str, range(100))), "as many pages as there are"
 
 
 @pytest.mark.parametrize("name", sorted(commands.COMMANDS))

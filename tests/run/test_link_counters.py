@@ -72,9 +72,9 @@ STEP_NS = TROUBLE_DELAY_NS // 4
 def lines(history: list[RobotStatus]) -> list[str]:
     complaints = RobotAlarms()
     return [
-        line
+        line if level == "warning" else f"{level}: {line}"
         for number, now in enumerate(history)
-        for line in complaints.update({7: now}, number * STEP_NS)
+        for line, level in complaints.update({7: now}, number * STEP_NS)
     ]
 
 
@@ -85,7 +85,7 @@ def test_base_that_does_not_answer_is_told_once_and_so_is_its_return() -> None:
     assert lines([well] + [mute] * 12) == ["robot 7: its base does not answer: its wheels are held"]
     assert lines([mute] * 6 + [well] * 3 + [mute] * 6) == [
         "robot 7: its base does not answer: its wheels are held",
-        "robot 7: its base answers again",
+        "info: robot 7: its base answers again",
         "robot 7: its base does not answer: its wheels are held",
     ]
 
@@ -100,7 +100,7 @@ def test_power_saving_is_told_and_an_unknown_one_is_not() -> None:
     assert lines([unknown] * 6 + [on] * 6 + [off]) == [
         "robot 7: its Wi-Fi's power saving is on: readings come late;"
         " 'vsense robot deploy' turns it off",
-        "robot 7: its Wi-Fi's power saving is off",
+        "info: robot 7: its Wi-Fi's power saving is off",
     ]
 
 

@@ -188,6 +188,13 @@ def test_a_hook_that_fails(tmp_path: Path, hook: str, body: str, message: str) -
     assert str(caught.value).startswith(f"{path}:{at}: in {hook}: ")
 
 
+def test_a_setting_that_is_not_there_is_said_with_those_that_are(tmp_path: Path) -> None:
+    path = written(tmp_path, "def reset(world):\n    world.params['spt']\n")
+    words = r":2: in reset: KeyError: .*no attribute 'spt' of <loop_functions>; is 'spot' meant\?"
+    with pytest.raises(LoopFunctionsError, match=words):
+        LoopFunctions(path, params={"spot": "food"}).reset(world_of())
+
+
 @pytest.mark.parametrize(
     ("given", "message"),
     [

@@ -74,7 +74,7 @@ class ConfigError(VsenseError):
         self.message = message
 
 
-_LISTED = 60
+_LISTED = 120
 _ALIKE, _VERY_ALIKE = 0.6, 0.75
 _BEGUN = 3
 """So many letters of a name say which one is meant."""

@@ -121,7 +121,7 @@ class Parser(argparse.ArgumentParser):
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings, add_help=False)
         self._bare = False
-        text = "show this page; --help all: with every option"
+        text = "show this page; --help all, behind a command: with every option"
         self.add_argument("-h", "--help", action=ShowHelp, nargs="?", metavar="all", help=text)
 
     def parse_known_args(  # type: ignore[override]

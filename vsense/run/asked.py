@@ -39,7 +39,7 @@ from vsense.world.actuators.bank import ActuatorBank
 from vsense.world.sensors.bank import SensorBank
 from vsense.world.world import NEVER_NS
 
-FIRST_STEP_TIMEOUT_S = 10.0
+FIRST_STEP_TIMEOUT_S = 3.0
 """A program that takes longer for its first step is left to the run, which says so."""
 
 _TAG = 1

@@ -9,7 +9,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from vsense.base.terminal import shorten
+from vsense.base.terminal import Level, shorten
 from vsense.config.battery_history import BatteryRow, append, history_of
 from vsense.config.specs import Experiment
 from vsense.robots.link.keys import LinkTrust
@@ -198,12 +198,12 @@ class RobotAlarms:
         self._since_ns: dict[tuple[int, str], int] = {}
         self._reported: set[tuple[int, str]] = set()
 
-    def update(self, robots: Mapping[int, RobotStatus], now_ns: int) -> list[str]:
+    def update(self, robots: Mapping[int, RobotStatus], now_ns: int) -> list[tuple[str, Level]]:
         """Takes the newest status of every robot by tag.
 
-        Returns a line for each trouble that has lasted long enough, or that is over.
+        Returns a line for each trouble that has lasted long enough, or that is over: good news.
         """
-        lines = []
+        lines = list[tuple[str, Level]]()
         for tag, status in robots.items():
             if status.telemetry is None or not status.connected:
                 continue
@@ -213,12 +213,12 @@ class RobotAlarms:
                     self._since_ns.pop(key, None)
                     if key in self._reported:
                         self._reported.remove(key)
-                        lines.append(f"robot {tag}: {over}")
+                        lines.append((f"robot {tag}: {over}", "info"))
                     continue
                 lasted_ns = now_ns - self._since_ns.setdefault(key, now_ns)
                 if lasted_ns >= TROUBLE_DELAY_NS and key not in self._reported:
                     self._reported.add(key)
-                    lines.append(f"robot {tag}: {begun}")
+                    lines.append((f"robot {tag}: {begun}", "warning"))
         return lines
 
 

@@ -243,11 +243,11 @@ class Runner:
         """
         try:
             while not self._interrupted.is_set() and not self.control.next_asked:
-                self._between()
-                self._step()
                 is_free = self.control.state != State.EMERGENCY
                 next_one = "start begins the next one" if is_free else "reset, then start"
                 self._console.progress(f"the run has ended: {next_one}")
+                self._between()
+                self._step()
         except (NoMorePictures, TrackerEnded) as end:
             self._console.say(f"there can be no other run: {end}")
             return False
@@ -307,8 +307,8 @@ class Runner:
         robots = self.robots = self._server.robots()
         for status in self.counters.update(robots):
             self._console.say(f"robot {status.tag}: its guard was replaced", "warning")
-        for line in self._alarms.update(robots, self._clock()):
-            self._console.say(line, "warning")
+        for line, level in self._alarms.update(robots, self._clock()):
+            self._console.say(line, level)
         self._say_disobedience(robots, None if step is None else step.state)
         # The readings have left.
         self._runtime.check_cameras()

@@ -26,11 +26,11 @@ import inspect
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Protocol
+from typing import Any, NoReturn, Protocol
 
 import numpy as np
 
-from vsense.base.errors import VsenseError, likely
+from vsense.base.errors import VsenseError, instead, likely
 from vsense.base.users_code import UsersCode, line_of
 from vsense.world.entities import Arena, WorldError
 from vsense.world.fields import Floor
@@ -49,6 +49,13 @@ _MAX_PIXELS = 10_000_000
 _ARGUMENTS = {1: "world", 2: "x_m, y_m"}
 
 Hook = Callable[..., Any]
+
+
+class LoopParams(dict[str, str]):
+    """The settings of loop functions, as texts; a KeyError names those that are there."""
+
+    def __missing__(self, name: str) -> NoReturn:
+        raise KeyError(f"no attribute {name!r} of <loop_functions>; {instead(name, self)}")
 
 
 class LoopFunctionsError(VsenseError):
@@ -174,7 +181,7 @@ class LoopFunctions:
         Raises:
             LoopFunctionsError: it failed; so with the other hooks.
         """
-        world.params = dict(self._params)
+        world.params = LoopParams(self._params)
         self._step("reset", world)
 
     def pre_step(self, world: World) -> None:

@@ -215,10 +215,9 @@ class Puppet:
             made["can"] = ["play", "speed", "seek"]
             made["recording"] = {"on": False, "file": None, "bytes": 0, "lost_messages": 0,
                                  "trouble": None}  # fmt: skip
-            made["replay"] = {
-                "position_s": self.position_s, "begin_s": 10.0, "duration_s": REPLAY_S,
-                "speed": self.speed, "playing": self.playing,
-            }  # fmt: skip
+            made["replay"] = {"position_s": self.position_s, "begin_s": 10.0,
+                              "duration_s": REPLAY_S, "speed": self.speed,
+                              "playing": self.playing}  # fmt: skip
         return made
 
     def arena(self) -> dict[str, Any]:

@@ -90,10 +90,9 @@ class LineWriter:
             for line in lines:
                 text = printable(line.decode(errors="replace"))
                 if not text.startswith("{"):  # every answer of a run is an object of JSON
-                    raise LabError(
-                        f"{self._address[0]}, port {self._address[1]}: what listens there is no"
-                        f" 'vsense run --tracker lines', it says {text[:_SHOWN]!r}: --tracker-port"
-                    )
+                    words = "what listens there is no 'vsense run --tracker lines', it says"
+                    where = f"{self._address[0]}, port {self._address[1]}"
+                    raise LabError(f"{where}: {words} {text[:_SHOWN]!r}: --tracker-port")
                 self._say(f"the run says of the tracker: {text}")
 
     def _lose(self, reason: str) -> None:

@@ -169,17 +169,17 @@ def watch(
         for worker, job in zip(workers, islice(waiting, len(workers))):
             selector.register(worker.answers, selectors.EVENT_READ, worker)
             worker.start(*job)
-        looked_s = time.monotonic()
+        due_s = time.monotonic() + CHECK_PERIOD_S
         while any(worker.task is not None for worker in workers):
-            for key, _ in selector.select(CHECK_PERIOD_S):
+            for key, _ in selector.select(max(due_s - time.monotonic(), 0.0)):
                 task, answer = _exchange(key.data, waiting)
                 yield task, answer
                 if "ended" in answer:
                     return
             if interrupted.is_set():
                 raise Interrupted
-            if time.monotonic() - looked_s >= CHECK_PERIOD_S:
-                looked_s = time.monotonic()
+            if time.monotonic() >= due_s:
+                due_s = max(due_s + CHECK_PERIOD_S, time.monotonic())
                 for worker in workers:
                     if (hung := worker.check(limit_s)) is not None:
                         assert worker.task is not None

@@ -92,14 +92,10 @@ class ArenaFile:
         if added and NAMESPACE not in text:
             root = next(tag for tag, _ in _tags(text))
             text = _with(text, root, "xmlns:vs", NAMESPACE)
-        folder = self._folder()
-        return text if folder is None else _from_anywhere(text, folder)
-
-    def _folder(self) -> Path | None:
-        """Where the original lies, as far as it is known."""
-        shipped = SHIPPED_FOLDER / f"{self.name}{ARGOS_SUFFIX}"
-        is_shipped = os.path.isfile(shipped) and shipped.read_text() == self._text
-        return shipped.parent if is_shipped else Path(self._path).parent if self._path else None
+        shipped, path = SHIPPED_FOLDER / f"{self.name}{ARGOS_SUFFIX}", self._path
+        if os.path.isfile(shipped) and shipped.read_text() == self._text:
+            path = str(shipped)
+        return _from_anywhere(text, Path(path).parent) if path else text
 
 
 def _from_anywhere(text: str, folder: Path) -> str:
