@@ -96,8 +96,9 @@ static void print_version(void)
 {
     char line[200];
 
-    vs_format(line, sizeof line, "vsensed %s, controller %s %s\n", vsensed_version,
-              vs_controller.name, vsensed_controller_hash);
+    vs_format(line, sizeof line, "vsensed %s, controller %s%s%s\n", vsensed_version,
+              vs_controller.name, vsensed_controller_hash[0] != '\0' ? " " : "",
+              vsensed_controller_hash);
     vs_print(line);
 }
 
