@@ -134,7 +134,7 @@ def pip_line(package: str) -> str:
     with suppress(metadata.PackageNotFoundError):
         pairs = (line.partition(";") for line in metadata.requires("vsense") or ())
         wanted = [name.strip() for name, _, on in pairs if on.strip().replace('"', "'") == extra]
-    return f"{_pip()} install {' '.join(map(_quoted, wanted))}"
+    return f"{_pip()} install {' '.join(map(_quoted, wanted or [package]))}"
 
 
 def _pip() -> str:
