@@ -85,18 +85,21 @@ void vs_hosted_random(struct vs_inprocess *all, const uint8_t *wanted, double *v
 
 void vs_hosted_show(struct vs_inprocess *all, uint32_t robot, const char *name, double value)
 {
-    vs_robot_show(vs_inprocess_robot(all, robot), name, value);
+    if (robot < vs_inprocess_robots(all))
+        vs_robot_show(vs_inprocess_robot(all, robot), name, value);
 }
 
 void vs_hosted_show_text(struct vs_inprocess *all, uint32_t robot, const char *name,
                          const char *text)
 {
-    vs_robot_show_text(vs_inprocess_robot(all, robot), name, text);
+    if (robot < vs_inprocess_robots(all))
+        vs_robot_show_text(vs_inprocess_robot(all, robot), name, text);
 }
 
 void vs_hosted_log(struct vs_inprocess *all, uint32_t robot, const char *line)
 {
-    vs_robot_log(vs_inprocess_robot(all, robot), line);
+    if (robot < vs_inprocess_robots(all))
+        vs_robot_log(vs_inprocess_robot(all, robot), line);
 }
 
 double vs_hosted_param(struct vs_inprocess *all, uint32_t robot, const char *name, double fallback)

@@ -20,9 +20,10 @@ if TYPE_CHECKING:
     from vsense.monitor.recording.reader import open_recording
     from vsense.robots.python_robot import Robot
     from vsense.robots.python_swarm import Leds, Swarm
-    from vsense.studies.notebook import LoadedExperiment, RunTable, SimulatedRun, parallel_env
+    from vsense.studies.notebook import LoadedExperiment, parallel_env
     from vsense.studies.notebook import load_experiment as load
     from vsense.studies.report.report import make_report
+    from vsense.studies.results import RunTable, SimulatedRun
     from vsense.studies.series.campaign import Campaign
     from vsense.studies.series.campaign import run as run_campaign
     from vsense.vision.cameras.camera import Camera
@@ -47,11 +48,11 @@ PLACES = {
     "LoadedExperiment": "vsense.studies.notebook",
     "Robot": "vsense.robots.python_robot",
     "Robots": "vsense.world.sensors.base",
-    "RunTable": "vsense.studies.notebook",
+    "RunTable": "vsense.studies.results",
     "Scale": "vsense.world.sensors.quality",
     "Scope": "vsense.world.sensors.base",
     "Setup": "vsense.modes.sim.job",
-    "SimulatedRun": "vsense.studies.notebook",
+    "SimulatedRun": "vsense.studies.results",
     "SteppedSimulation": "vsense.modes.sim.stepping",
     "Swarm": "vsense.robots.python_swarm",
     "Sweep": "vsense.modes.sim.job",

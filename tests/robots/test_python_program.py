@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import json
 import re
 from pathlib import Path
@@ -10,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import vsense
 from tests.rigs.places import DATA, ROOT
 from vsense import cli
 from vsense.config.experiment import load
@@ -119,6 +121,8 @@ MISTAKES = [
     (f"{SWARM} swarm.set_wheels(float('nan'), 0)", 3, "not finite"),
     (f"{SWARM} swarm.actuator('x').set(1, 7)", 3, "number 7 of an actuator that has 1"),
     (f"{SWARM} raise SystemExit(3)", 3, "SystemExit: 3"),
+    (f"{SWARM} swarm.log(int(swarm.tags[0]) + 50, 'x')", 3, "in swarm.tags, 0 to 14"),
+    (f"{SWARM} swarm.sensor('proximity').values[0] = 1", 3, "read-only"),
 ]  # fmt: skip
 
 
@@ -129,6 +133,18 @@ def test_a_mistake_ends_the_run_with_file_and_line(
     assert simulate(experiment(folder, code), "--duration", 2, "--lenient", "-o", "out") == 1
     last = capsys.readouterr().err.splitlines()[-1]
     assert f"mine.py:{line}: " in last and words in last and "Traceback" not in last
+
+
+def test_a_reading_that_is_kept_stays_as_it_was() -> None:
+    experiment = vsense.load("phototaxis", duration_s=2).experiment
+    with vsense.SteppedSimulation(experiment, 1) as sim:
+        light, kept = sim.swarm.sensor("light"), []
+        while not sim.done:
+            sim.swarm.set_wheels(500, -500)
+            kept.append(light.values)
+            sim.step()
+    assert all((now != before).any() for before, now in itertools.pairwise(kept[5:]))
+    assert light.values.shape == (15, 8), "the robots stay as long as somebody reads them"
 
 
 def test_loop_functions_are_no_controller(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -179,6 +195,21 @@ def test_real_daemons_do_what_the_file_says(folder: Path) -> None:
         heads[tag] = [any(pair) for pair in wheels]
     assert all(sum(moves) > 20 for tag, moves in heads.items() if tag != 1843)
     assert any(heads[1843][:15]) and not any(heads[1843][-20:])
+
+
+@pytest.mark.paced
+@pytest.mark.system
+def test_an_endless_loop_costs_its_own_robot_in_the_lab(folder: Path) -> None:
+    code = MOTH.replace(
+        "        light, values =", "        self.wait(robot)\n        light, values ="
+    )
+    code += "\n    def wait(self, robot):\n        while robot.tag == 31:\n            pass\n"
+    path = experiment(folder, code)
+    assert cli.main(["lab", str(path), "--robots", "2", "--duration", "6", "-o", "out"]) == 1
+    summary = json.loads(Path("out/summary.json").read_text())
+    assert "robot 31's controller (mine.py:" in summary["why"]
+    assert "TimeoutError: did not return within 3 s" in summary["why"]
+    assert "1843's controller" not in summary["why"]
 
 
 def test_robots_are_built_with_what_the_host_drives(folder: Path) -> None:

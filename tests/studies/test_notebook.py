@@ -16,7 +16,8 @@ import vsense
 from tests.rigs.places import ROOT
 from vsense import cli
 from vsense.base.errors import UsageError
-from vsense.studies.notebook import RunTable, SimulatedRun, load_experiment
+from vsense.studies.notebook import load_experiment
+from vsense.studies.results import RunTable, SimulatedRun
 
 
 @pytest.fixture(autouse=True)
@@ -131,6 +132,16 @@ def test_a_campaign_is_a_table_that_goes_on(capsys: pytest.CaptureFixture[str]) 
         (lambda: load_experiment("foraging", {"foraging.relese": 1}), "is 'release' meant"),
         (lambda: load_experiment("foraging", {"foraging.release": -1}), "number of 0 or more"),
         (lambda: RunTable(Path("none.csv")).rows, "none.csv"),
+        (lambda: load_experiment("foraging", robots=0), "robots=0: expected a whole number, 1 or"),
+        (lambda: load_experiment("foraging", robots=2.5), "robots=2.5: expected a whole number"),
+        (lambda: load_experiment("foraging", duration_s=float("nan")), "expected a number, 0 or"),
+        (lambda: load_experiment("foraging").simulate(2**32), "0 to 4294967295"),
+        (lambda: load_experiment("foraging").simulate("a"), "seed='a': expected a whole"),
+        (lambda: load_experiment("foraging").simulate_many([1, 1]), "one or more, each once"),
+        (lambda: load_experiment("foraging").simulate_many([]), "one or more, each once"),
+        (lambda: load_experiment("foraging").simulate_many(3), "expected a list"),
+        (lambda: load_experiment("foraging").simulate_many([1], jobs=-1), "jobs=-1: expected"),
+        (lambda: load_experiment("foraging").simulate_many([1], {"a.b": []}), "a.b=.*a list"),
         (lambda: SimulatedRun(Path("nowhere")).measures, "is no run of vsense sim"),
     ],
 )

@@ -59,7 +59,7 @@ class HostedProgram(CompiledProgram):
         super().__init__(built, tags, table, timestep_ns, seed, params, progress)
         self.notes = np.frombuffer(progress, dtype=np.uint32)
         counts = _counts(table, Direction.SENSOR), _counts(table, Direction.ACTUATOR)
-        robots = HostedRobots(functions(built, "hosted"), self._all, len(self.tags))
+        robots = HostedRobots(functions(built, "hosted"), self._all, len(self.tags), self._memory)
         self.swarm = Swarm(robots, self.tags, timestep_ns * 1e-9, *counts)
         self._begun, self._raised = False, None
         self._step_of_c = ffi.callback(declarations()["vs_inprocess_step"], self._step_for_c)

@@ -59,11 +59,7 @@ class Actuator:
             IndexError: it has fewer numbers.
             ValueError: the value is not finite.
         """
-        values = self._all.values
-        if not 0 <= index < values.shape[1]:
-            raise IndexError(f"number {index} of an actuator that has {values.shape[1]}")
-        values[self._row, index] = finite(value)
-        self._all.changed[self._row] = True
+        self._all.set_of(self._row, finite(value), index)
 
 
 class Walk:

@@ -62,8 +62,9 @@ _MOST_STEPS_S = 32767.0
 class HostedRobots:
     """The robots of a controller as C has them (`robot/hosted.h`)."""
 
-    def __init__(self, lib: Any, robots: Any, count: int) -> None:
-        self._lib, self._robots = lib, robots
+    def __init__(self, lib: Any, robots: Any, count: int, memory: Any) -> None:
+        """`memory` is what `robots` points into: it stays as long as this does."""
+        self._lib, self._robots, self._memory = lib, robots, memory
         self.count = count
 
     def call(self, function: str, *arguments: Any) -> Any:
@@ -108,9 +109,17 @@ class SwarmReading:
 
     def _read(self) -> None:
         if self._step != self._swarm.steps:
-            self._step, count = self._swarm.steps, self._values.shape[1]
-            into = self._values, self._ages_ns, self._stale
+            # New arrays: what somebody has kept of an earlier step stays as it was.
+            (robots, count), self._step = self._values.shape, self._swarm.steps
+            into = (
+                np.zeros((robots, count)),
+                np.zeros(robots, np.uint64),
+                np.zeros(robots, np.bool_),
+            )
             self._swarm.runtime.call("read", self._handle, count, *into)
+            for array in into:
+                array.setflags(write=False)
+            self._values, self._ages_ns, self._stale = into
 
     @property
     def values(self) -> Floats:
@@ -148,8 +157,8 @@ class SwarmActuator:
     def __init__(self, swarm: Swarm, name: str, count: int) -> None:
         self._swarm, self._count = swarm, count
         self._handle = swarm.runtime.call("actuator", name)
-        self.values = np.zeros((swarm.runtime.count, count))
-        self.changed = np.zeros(swarm.runtime.count, np.bool_)
+        self._values = np.zeros((swarm.runtime.count, count))
+        self._changed = np.zeros(swarm.runtime.count, np.bool_)
 
     def set(self, values: ArrayLike, index: int = 0, where: ArrayLike = True) -> None:
         """Sets number `index` of it, for the robots of `where`.
@@ -158,18 +167,25 @@ class SwarmActuator:
             IndexError: it has fewer numbers.
             ValueError: `values` are not one number, or one for each robot.
         """
+        rows = self._swarm.rows(where)
+        self.set_of(rows, self._swarm.column(values)[rows], index)
+
+    def set_of(self, rows: Any, values: Any, index: int) -> None:
+        """The same of some robots, by their places; raises IndexError as `set`."""
         if not 0 <= index < self._count:
             raise IndexError(f"number {index} of an actuator that has {self._count}")
-        rows = self._swarm.rows(where)
-        self.values[rows, index] = self._swarm.column(values)[rows]
-        self.changed |= rows
+        self._values[rows, index], self._changed[rows] = values, True
+
+    def rest(self, robot: int) -> None:
+        """All numbers of one robot are 0."""
+        self._values[robot], self._changed[robot] = 0.0, True
 
     def send(self) -> None:
         """Hands to the robots what was set."""
-        if self.changed.any():
-            given = self.changed, self._handle, self._count, self.values
+        if self._changed.any():
+            given = self._changed, self._handle, self._count, self._values
             self._swarm.runtime.call("actuate", *given)
-            self.changed[:] = False
+            self._changed[:] = False
 
 
 class SwarmWalk:
@@ -323,7 +339,14 @@ class Swarm:
             self.runtime.call("show", int(row), name, float(self.column(values)[row]))
 
     def log(self, robot: int, line: str) -> None:
-        """One line for the host's list of events, from the robot at this place."""
+        """One line for the host's list of events, from the robot at this place in `tags`.
+
+        IndexError: there is none.
+        """
+        if not 0 <= robot < len(self):
+            raise IndexError(
+                f"robot {robot}: expected its place in swarm.tags, 0 to {len(self) - 1}"
+            )
         self.runtime.call("log", robot, line)
 
     def rows(self, where: ArrayLike) -> Rows:
@@ -359,4 +382,4 @@ class Swarm:
         self.set_wheels_of(robot, 0.0, 0.0)
         self.set_leds_of(robot, 0)
         for actuator in self._actuators.values():
-            actuator.values[robot], actuator.changed[robot] = 0.0, True
+            actuator.rest(robot)

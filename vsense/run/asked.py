@@ -81,7 +81,7 @@ def _refusal(experiment: Experiment, spec: ControllerSpec, complaint: str) -> st
             wrong = f"its parameter {name!r} is {spec.params[name]!r}"
             return f"{wrong}, expected a number{match['range']}"
         if kind == "parameter":
-            names = None if _stands_in(spec, name) else _parameters(spec)
+            names = None if _stands_in(spec, name) else [p for p in _parameters(spec) if p != name]
             wrong = f"its program reads no parameter {name!r}"
         else:
             real = experiment.stage is Stage.RUN and name in _BOARDS

@@ -7,24 +7,52 @@ stop, a controller that has failed.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import signal
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 
 import numpy as np
 
 from vsense.base.arena import ArenaState
 from vsense.base.readings import SwarmReadings, TimedReadings
 from vsense.config.specs import ControllerSpec, Experiment
+from vsense.robots.hosted import HostedProgram
 from vsense.robots.inprocess import CONTROL_NS
 from vsense.robots.link.table import Direction, Entry, Table
 from vsense.robots.link.wire import Wanted
 from vsense.robots.program import kind_of
 from vsense.run.programs import Programs, failed_words
 
+STEP_MAX_S = 3.0
+"""What controllers may take for a control step; robots stand meanwhile, for want of a command."""
+
 COMMAND = "command"
 REMOTE_TABLE = Table(
     [Entry(1, COMMAND, "3*i2", Direction.SENSOR), Entry(2, "own", "8*i2", Direction.READING)]
 )
 """What these robots are told: left and right wheel [step/s] and LEDs; their own ring, raw."""
+
+
+@contextmanager
+def _limited(programs: Programs) -> Iterator[None]:
+    """Raises TimeoutError in users' code that does not return: whose it is fails, others go on."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def stop(*_: object) -> None:
+        parts = [program for *_, program in programs.parts()]
+        if any(isinstance(part, HostedProgram) and part.notes[1] for part in parts):
+            raise TimeoutError(f"did not return within {STEP_MAX_S:g} s")
+
+    before = signal.signal(signal.SIGALRM, stop)
+    signal.setitimer(signal.ITIMER_REAL, STEP_MAX_S, STEP_MAX_S)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
 
 
 class RemoteSwarm:
@@ -63,19 +91,20 @@ class RemoteSwarm:
             own = REMOTE_TABLE.readings(heard.pop(tag))["own"] if tag in heard else None
             if own is not None and own[1] is not None:
                 self._ring[row] = np.frombuffer(own[0], "<i2")
-        return {**heard, **self._reports}
+        return {**heard, **{tag: b for tag, b in self._reports.items() if tag in reports}}
 
     def control(self, state: ArenaState, run_timestep: int, readings: SwarmReadings) -> None:
         """Runs every controller's step; `readings` are what each tag senses virtually."""
         capture_ns = state.capture_ns
-        self._programs.step(
-            Wanted.RUN if run_timestep >= 0 else Wanted.IDLE,
-            0,
-            state.timestep,
-            (capture_ns, capture_ns + CONTROL_NS),
-            readings,
-            self._ring,
-        )
+        with _limited(self._programs):
+            self._programs.step(
+                Wanted.RUN if run_timestep >= 0 else Wanted.IDLE,
+                0,
+                state.timestep,
+                (capture_ns, capture_ns + CONTROL_NS),
+                readings,
+                self._ring,
+            )
         self._reports = self._programs.reports()
         wheels, leds = self._programs.wheels_steps_s, self._programs.leds
         block = np.column_stack((wheels, leds.astype(np.int16))).astype("<i2")

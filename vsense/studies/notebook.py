@@ -12,10 +12,10 @@ It does what `vsense sim` does, in the same way and with the same files. Nothing
 
 from __future__ import annotations
 
-import csv
 import html
-import importlib
 import io
+import math
+import os
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -24,27 +24,23 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from vsense.base.errors import Interrupted, VsenseError, failing_as, require
-from vsense.base.files import parse_json, read_text
-from vsense.base.terminal import Console, Interruption, interruption, spoken
+from vsense.base.errors import Interrupted, UsageError, require
+from vsense.base.terminal import Console, Interruption, interruption
 from vsense.config.description import describe
+from vsense.config.experiment import shipped
 from vsense.config.specs import Experiment, Stage
 from vsense.modes.options import ExperimentOptions
 from vsense.modes.sim import experiment as single
 from vsense.modes.sim.job import SimOptions, Sweep, setup_of
-from vsense.run.directory import LOGGED, SUMMARY, TRAJECTORY
-from vsense.run.runs_csv import RunRow, read_runs
+from vsense.run.environment import MOST_SEED
 from vsense.studies.report import FORMATS
+from vsense.studies.results import RunTable, SimulatedRun
 
 if TYPE_CHECKING:
     from vsense.modes.sim.stepping import Reward
     from vsense.studies._parallel import SwarmEnvironment
 
 Setting = str | float
-Columns = dict[str, NDArray[Any]]
 
 
 def load_experiment(
@@ -66,7 +62,10 @@ def load_experiment(
         UsageError: there is no such experiment, or a setting fits nothing in it.
         ConfigError: the file is wrong; the message names file, line and what was expected.
     """
-    options = ExperimentOptions(str(experiment), Stage.SIM, blind=blind)
+    name = str(experiment)
+    if name not in shipped() and os.path.exists(name):
+        name = os.path.abspath(name)  # also when the current folder is another one
+    options = ExperimentOptions(name, Stage.SIM, blind=blind)
     return LoadedExperiment(options).changed(settings, robots, duration_s)
 
 
@@ -128,7 +127,9 @@ class LoadedExperiment:
         duration_s: float | None = None,
     ) -> LoadedExperiment:
         """The same with other settings, which are added to those it has; raises as `load`."""
-        added = {key: str(value) for key, value in (settings or {}).items()}
+        _check("robots", robots, int, 1)
+        _check("duration_s", duration_s, float, 0.0)
+        added = {key: str(value) for key, value in dict(settings or {}).items()}
         changed = LoadedExperiment(
             replace(
                 self.options,
@@ -159,6 +160,7 @@ class LoadedExperiment:
             KeyboardInterrupt: Ctrl-C; what there is of the run is in its folder.
             VsenseError: it cannot be simulated, or has failed.
         """
+        _check("seed", seed, int, 0, MOST_SEED)
         folder = None if output is None else Path(output)
         options = replace(self.options, seed=seed, output=folder)
         with _interruptible() as interrupted:
@@ -189,10 +191,12 @@ class LoadedExperiment:
         from vsense.studies.series import campaign
 
         fixed = {key: (value,) for key, value in self.options.settings.items()}
-        varied = {key: tuple(map(str, values)) for key, values in (settings or {}).items()}
-        path = Path(output).with_suffix(".csv")
+        varied = {k: tuple(map(str, _several(k, given))) for k, given in (settings or {}).items()}
+        wanted = [_check("seeds", seed, int, 1, MOST_SEED) for seed in _several("seeds", seeds)]
+        _check("jobs", jobs, int, 1)
+        path = Path(os.path.abspath(output)).with_suffix(".csv")
         table = campaign.Campaign(
-            Sweep({**fixed, **varied}, tuple(seeds)),
+            Sweep({**fixed, **varied}, tuple(wanted)),
             setup_of(self.options),
             path,
             path.with_suffix(f".{FORMATS[0]}"),
@@ -210,174 +214,30 @@ class LoadedExperiment:
         return f"<pre>{html.escape(str(self))}</pre>"
 
 
-@dataclass(frozen=True)
-class SimulatedRun:
-    """What a run of `vsense sim` has left in its folder.
-
-    Attributes:
-        folder: where it is.
-    """
-
-    folder: Path
-
-    @cached_property
-    def summary(self) -> dict[str, Any]:
-        """The figures: summary.json."""
-        path = Path(self.folder) / SUMMARY
-        with failing_as(VsenseError, f"{path}: is no run of vsense sim"):
-            summary: dict[str, Any] = parse_json(read_text(path))
-        return summary
-
-    @property
-    def measures(self) -> dict[str, float]:
-        """The experiment's measures at the end, by name."""
-        return dict(self.summary["measures"])
-
-    @property
-    def valid(self) -> bool:
-        """Whether the run counts; `summary["why"]` says why not."""
-        return not self.summary["why"]
-
-    @cached_property
-    def _trajectory(self) -> Mapping[str, NDArray[Any]]:
-        path = Path(self.folder) / TRAJECTORY
-        cannot = failing_as(VsenseError, f"{path}: cannot be read")
-        with cannot, np.load(path, allow_pickle=False) as arrays:
-            return dict(arrays)
-
-    @property
-    def time_s(self) -> NDArray[np.float64]:
-        """(t,) time of each timestep [s]."""
-        return np.asarray(self._trajectory["time_s"])
-
-    @property
-    def tags(self) -> NDArray[np.int64]:
-        """(n,) the robots."""
-        return np.asarray(self._trajectory["tags"])
-
-    @property
-    def poses(self) -> NDArray[np.float64]:
-        """(t, n, 3) x and y [m] and yaw [rad] of the robots, in the arena's frame."""
-        return np.asarray(self._trajectory["poses"])
-
-    @property
-    def leds(self) -> NDArray[np.uint16]:
-        """(t, n) LEDs that are on: bits 0-7 ring, 8 body, 9 front."""
-        return np.asarray(self._trajectory["leds"])
-
-    @cached_property
-    def measured(self) -> Columns:
-        """The measures over time: `time_s`, and (t,) of each; empty where nothing is measured."""
-        path = Path(self.folder) / "measures.csv"
-        return _columns(path, ["time_s"]) if path.exists() else {"time_s": self.time_s}
-
-    @cached_property
-    def events(self) -> list[tuple[float, str]]:
-        """What controllers and loop functions logged: time [s] and words."""
-        path = Path(self.folder) / LOGGED
-        rows = csv.DictReader(io.StringIO(read_text(path)))
-        return [(float(row["time_s"]), row["text"]) for row in rows]
-
-    def columns(self) -> Columns:
-        """One row for each timestep and robot: time_s, tag, x_m, y_m, yaw_rad, leds."""
-        timesteps, robots = self.poses.shape[:2]
-        given = {"time_s": np.repeat(self.time_s, robots), "tag": np.tile(self.tags, timesteps)}
-        poses = self.poses.reshape(-1, 3)
-        given |= {name: poses[:, k] for k, name in enumerate(("x_m", "y_m", "yaw_rad"))}
-        return {**given, "leds": self.leds.reshape(-1)}
-
-    def to_pandas(self) -> Any:
-        """`columns` as a `pandas.DataFrame`; UsageError: pandas is not installed."""
-        return _frame(self.columns())
-
-    @property
-    def picture(self) -> Path:
-        """The run in one picture, a PNG file."""
-        return Path(self.folder) / f"{self.summary['experiment']}.png"
-
-    def _repr_png_(self) -> bytes:
-        return self.picture.read_bytes()
-
-    def _repr_html_(self) -> str:
-        words = {"seed": self.summary["seed"], "robots": self.summary["robots"]}
-        words["verdict"] = "valid" if self.valid else f"invalid: {self.summary['why']}"
-        words |= {spoken(name): f"{value:g}" for name, value in self.measures.items()}
-        return _table_html(["", self.summary["experiment"]], words.items())
-
-
-@dataclass(frozen=True)
-class RunTable:
-    """A runs.csv: a row for each run, of a campaign, a series, or runs in the lab or with robots.
-
-    Attributes:
-        path: the file.
-    """
-
-    path: Path
-
-    @cached_property
-    def rows(self) -> list[RunRow]:
-        """All of them, valid or not; VsenseError: it is no such table."""
-        with failing_as(VsenseError, f"{self.path}: cannot be read"):
-            return read_runs(Path(self.path))
-
-    def columns(self) -> Columns:
-        """One row for each valid run: run, condition, start, seed, what varied, and measures."""
-        rows = [row for row in self.rows if row.valid]
-        names = "run", "condition", "start", "seed"
-        given: dict[str, list[Any]] = {n: [getattr(row, n) for row in rows] for n in names}
-        settings = [_settings_of(row.condition) for row in rows]
-        for name in dict.fromkeys(key for row in settings for key in row):
-            given[name] = [_number(row.get(name, "")) for row in settings]
-        for name in dict.fromkeys(name for row in rows for name in row.measures):
-            given[name] = [_measure(row.measures.get(name)) for row in rows]
-        return {name: np.array(values) for name, values in given.items()}
-
-    def to_pandas(self) -> Any:
-        """`columns` as a `pandas.DataFrame`; UsageError: pandas is not installed."""
-        return _frame(self.columns())
-
-    def _repr_html_(self) -> str:
-        columns = self.columns()
-        rows = zip(*columns.values())
-        return _table_html(list(columns), rows)
-
-
-def _settings_of(condition: str) -> dict[str, str]:
-    """The settings that a campaign's condition names: a=1, b=2."""
-    parts = (part.partition("=") for part in condition.split(", "))
-    return {name: value for name, equals, value in parts if equals}
-
-
-def _number(text: str) -> Any:
+def _check(name: str, value: Any, kind: type[Any], least: float, most: float = math.inf) -> Any:
+    """The value as a plain number; UsageError: it is none, or beyond its bounds. None stays."""
+    if value is None:
+        return None
     try:
-        return float(text)
-    except ValueError:
-        return text
+        number = kind(value)
+        if isinstance(value, (str, bool)) or number != value or not least <= number <= most:
+            raise ValueError
+    except (TypeError, ValueError, OverflowError):
+        kinds = "a whole number" if kind is int else "a number"
+        upper = f"to {most:.0f}" if most < math.inf else "or more"
+        raise UsageError(f"{name}={value!r}: expected {kinds}, {least:g} {upper}") from None
+    return number
 
 
-def _measure(value: float | None) -> float:
-    return float("nan") if value is None else value
-
-
-def _columns(path: Path, first: Sequence[str]) -> Columns:
-    """The columns of a table of numbers, but for the count of timesteps."""
-    rows = list(csv.DictReader(io.StringIO(read_text(path))))
-    names = [*first, *(n for n in (rows[0] if rows else ()) if n not in (*first, "run_timestep"))]
-    return {n: np.array([float(row[n] or "nan") for row in rows]) for n in names}
-
-
-def _frame(columns: Columns) -> Any:
-    require("to_pandas() needs", "pandas")
-    return importlib.import_module("pandas").DataFrame(columns)
-
-
-def _table_html(heads: Sequence[str], rows: Any) -> str:
-    def line(kind: str, cells: Any) -> str:
-        return "".join(f"<{kind}>{html.escape(str(cell))}</{kind}>" for cell in cells)
-
-    body = "".join(f"<tr>{line('td', row)}</tr>" for row in rows)
-    return f"<table><thead><tr>{line('th', heads)}</tr></thead><tbody>{body}</tbody></table>"
+def _several(name: str, values: Any) -> list[Any]:
+    """What a list holds, each once; UsageError: it is no list, is empty, or has something twice."""
+    try:
+        listed = [] if isinstance(values, (str, bytes)) else list(values)
+    except TypeError:
+        listed = []
+    if not listed or None in listed or len(set(map(str, listed))) < len(listed):
+        raise UsageError(f"{name}={values!r}: expected a list of one or more, each once")
+    return listed
 
 
 def _console(progress: bool) -> Console:

@@ -1,0 +1,194 @@
+"""What runs have left, as arrays, data frames and tables of a notebook."""
+
+from __future__ import annotations
+
+import csv
+import html
+import importlib
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.base.errors import VsenseError, failing_as, require
+from vsense.base.files import parse_json, read_text
+from vsense.base.terminal import spoken
+from vsense.run.directory import LOGGED, SUMMARY, TRAJECTORY
+from vsense.run.runs_csv import RunRow, read_runs
+
+Columns = dict[str, NDArray[Any]]
+
+
+@dataclass(frozen=True)
+class SimulatedRun:
+    """What a run of `vsense sim` has left in its folder.
+
+    Attributes:
+        folder: where it is.
+    """
+
+    folder: Path
+
+    @cached_property
+    def summary(self) -> dict[str, Any]:
+        """The figures: summary.json."""
+        path = Path(self.folder) / SUMMARY
+        with failing_as(VsenseError, f"{path}: is no run of vsense sim"):
+            summary: dict[str, Any] = parse_json(read_text(path))
+        return summary
+
+    @property
+    def measures(self) -> dict[str, float]:
+        """The experiment's measures at the end, by name."""
+        return dict(self.summary["measures"])
+
+    @property
+    def valid(self) -> bool:
+        """Whether the run counts; `summary["why"]` says why not."""
+        return not self.summary["why"]
+
+    @cached_property
+    def _trajectory(self) -> Mapping[str, NDArray[Any]]:
+        path = Path(self.folder) / TRAJECTORY
+        cannot = failing_as(VsenseError, f"{path}: cannot be read")
+        with cannot, np.load(path, allow_pickle=False) as arrays:
+            return dict(arrays)
+
+    @property
+    def time_s(self) -> NDArray[np.float64]:
+        """(t,) time of each timestep [s]."""
+        return np.asarray(self._trajectory["time_s"])
+
+    @property
+    def tags(self) -> NDArray[np.int64]:
+        """(n,) the robots."""
+        return np.asarray(self._trajectory["tags"])
+
+    @property
+    def poses(self) -> NDArray[np.float64]:
+        """(t, n, 3) x and y [m] and yaw [rad] of the robots, in the arena's frame."""
+        return np.asarray(self._trajectory["poses"])
+
+    @property
+    def leds(self) -> NDArray[np.uint16]:
+        """(t, n) LEDs that are on: bits 0-7 ring, 8 body, 9 front."""
+        return np.asarray(self._trajectory["leds"])
+
+    @cached_property
+    def measured(self) -> Columns:
+        """The measures over time: `time_s`, and (t,) of each; empty where nothing is measured."""
+        path = Path(self.folder) / "measures.csv"
+        return _columns(path, ["time_s"]) if path.exists() else {"time_s": self.time_s}
+
+    @cached_property
+    def events(self) -> list[tuple[float, str]]:
+        """What controllers and loop functions logged: time [s] and words."""
+        path = Path(self.folder) / LOGGED
+        rows = csv.DictReader(io.StringIO(read_text(path)))
+        return [(float(row["time_s"]), row["text"]) for row in rows]
+
+    def columns(self) -> Columns:
+        """One row for each timestep and robot: time_s, tag, x_m, y_m, yaw_rad, leds."""
+        timesteps, robots = self.poses.shape[:2]
+        given = {"time_s": np.repeat(self.time_s, robots), "tag": np.tile(self.tags, timesteps)}
+        poses = self.poses.reshape(-1, 3)
+        given |= {name: poses[:, k] for k, name in enumerate(("x_m", "y_m", "yaw_rad"))}
+        return {**given, "leds": self.leds.reshape(-1)}
+
+    def to_pandas(self) -> Any:
+        """`columns` as a `pandas.DataFrame`; UsageError: pandas is not installed."""
+        return _frame(self.columns())
+
+    @property
+    def picture(self) -> Path:
+        """The run in one picture, a PNG file."""
+        return Path(self.folder) / f"{self.summary['experiment']}.png"
+
+    def _repr_png_(self) -> bytes:
+        return self.picture.read_bytes()
+
+    def _repr_html_(self) -> str:
+        words = {"seed": self.summary["seed"], "robots": self.summary["robots"]}
+        words["verdict"] = "valid" if self.valid else f"invalid: {self.summary['why']}"
+        words |= {spoken(name): f"{value:g}" for name, value in self.measures.items()}
+        return _table_html(["", self.summary["experiment"]], words.items())
+
+
+@dataclass(frozen=True)
+class RunTable:
+    """A runs.csv: a row for each run, of a campaign, a series, or runs in the lab or with robots.
+
+    Attributes:
+        path: the file.
+    """
+
+    path: Path
+
+    @cached_property
+    def rows(self) -> list[RunRow]:
+        """All of them, valid or not; VsenseError: it is no such table."""
+        with failing_as(VsenseError, f"{self.path}: cannot be read"):
+            return read_runs(Path(self.path))
+
+    def columns(self) -> Columns:
+        """One row for each valid run: run, condition, start, seed, what varied, and measures."""
+        rows = [row for row in self.rows if row.valid]
+        names = "run", "condition", "start", "seed"
+        given: dict[str, list[Any]] = {n: [getattr(row, n) for row in rows] for n in names}
+        settings = [_settings_of(row.condition) for row in rows]
+        for name in dict.fromkeys(key for row in settings for key in row):
+            given[name] = [_number(row.get(name, "")) for row in settings]
+        for name in dict.fromkeys(name for row in rows for name in row.measures):
+            given[name] = [_measure(row.measures.get(name)) for row in rows]
+        return {name: np.array(values) for name, values in given.items()}
+
+    def to_pandas(self) -> Any:
+        """`columns` as a `pandas.DataFrame`; UsageError: pandas is not installed."""
+        return _frame(self.columns())
+
+    def _repr_html_(self) -> str:
+        columns = self.columns()
+        rows = zip(*columns.values())
+        return _table_html(list(columns), rows)
+
+
+def _settings_of(condition: str) -> dict[str, str]:
+    """The settings that a campaign's condition names: a=1, b=2."""
+    parts = (part.partition("=") for part in condition.split(", "))
+    return {name: value for name, equals, value in parts if equals}
+
+
+def _number(text: str) -> Any:
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def _measure(value: float | None) -> float:
+    return float("nan") if value is None else value
+
+
+def _columns(path: Path, first: Sequence[str]) -> Columns:
+    """The columns of a table of numbers, but for the count of timesteps."""
+    rows = list(csv.DictReader(io.StringIO(read_text(path))))
+    names = [*first, *(n for n in (rows[0] if rows else ()) if n not in (*first, "run_timestep"))]
+    return {n: np.array([float(row[n] or "nan") for row in rows]) for n in names}
+
+
+def _frame(columns: Columns) -> Any:
+    require("to_pandas() needs", "pandas")
+    return importlib.import_module("pandas").DataFrame(columns)
+
+
+def _table_html(heads: Sequence[str], rows: Any) -> str:
+    def line(kind: str, cells: Any) -> str:
+        return "".join(f"<{kind}>{html.escape(str(cell))}</{kind}>" for cell in cells)
+
+    body = "".join(f"<tr>{line('td', row)}</tr>" for row in rows)
+    return f"<table><thead><tr>{line('th', heads)}</tr></thead><tbody>{body}</tbody></table>"
