@@ -20,6 +20,7 @@ EXTRAS = {
     "mcap": "record",
     "pandas": "tables",
     "pettingzoo": "learn",
+    "pyarrow": "tables",
     "scipy": "report",
     "ziglang": "robot",
     "zstandard": "record",
