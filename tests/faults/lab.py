@@ -12,17 +12,17 @@ from vsense.cli import main
 from vsense.modes.lab import _swarm
 
 
-class FarSwarm(_swarm.Swarm):
+class FarSwarm(_swarm.LabSwarm):
     """The robots of the lab, far from it."""
 
     net = NET
 
-    def _command(self, robot: _swarm.Robot) -> list[str]:
+    def _command(self, robot: _swarm.LabRobot) -> list[str]:
         words = super()._command(robot)
         words[words.index("--host") + 1] = address(self.robots.index(robot), self.net)
         return words
 
 
 if __name__ == "__main__":
-    _swarm.Swarm = FarSwarm  # type: ignore[misc]
+    _swarm.LabSwarm = FarSwarm  # type: ignore[misc]
     sys.exit(main())

@@ -96,6 +96,25 @@ def test_it_runs_as_the_readme_says(
     assert json.loads(capsys.readouterr().out)["measures"]["robots_on_spot_mean"] > 0.0
 
 
+def test_the_controller_in_python_does_what_that_in_c_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    require_tool("cc", "build-essential")
+    monkeypatch.chdir(tmp_path)
+    measures = []
+    for name, options in (("c", ["--sensor"]), ("py", ["--sensor", "--python"])):
+        assert cli.main(["new", name, *options]) == 0
+        capsys.readouterr()
+        assert cli.main(["sim", name, "--duration", "20", "--json", "-o", f"of-{name}"]) == 0
+        measures.append(json.loads(capsys.readouterr().out)["measures"])
+    assert measures[0] == measures[1]
+    with open("of-py/shown.csv") as shown:
+        assert "crowd" in shown.read()
+    assert (tmp_path / "py" / "py_controller.py").is_file()
+    with pytest.raises(UsageError, match="are in C; leave out --from"):
+        make(tmp_path / "mine", "foraging", python=True)
+
+
 @pytest.mark.parametrize(
     ("words", "told"),
     [
