@@ -17,7 +17,7 @@ from tests.rigs.places import ROOT
 from vsense import cli
 from vsense.base.errors import UsageError
 from vsense.studies.notebook import load_experiment
-from vsense.studies.results import RunTable, SimulatedRun
+from vsense.studies.results import FinishedRun, RunTable
 
 
 @pytest.fixture(autouse=True)
@@ -69,14 +69,20 @@ def test_a_swarm_learns_to_go_to_the_light() -> None:
     assert with_light < 0.2 < 0.8 < blind
 
 
-@pytest.mark.parametrize("number", range(len(BLOCKS)))
+LAB = 2
+"""The block that is in real time."""
+
+
+@pytest.mark.parametrize(
+    "number", [pytest.param(n, marks=[pytest.mark.paced] * (n == LAB)) for n in range(len(BLOCKS))]
+)
 def test_the_page_runs_as_it_is(number: int, capsys: pytest.CaptureFixture[str]) -> None:
     exec(compile(BLOCKS[number], "page", "exec"), {})
     out, err = capsys.readouterr()
-    assert out.count("\n") == (4, 2, 1, 1)[number] and err == ""
+    assert out.count("\n") == (4, 2, 2, 1, 1)[number] and err == ""
     # What stands behind a line as a comment is what it printed.
     said = re.findall(r"print\(.*\)\s*# ([({\[][^:]*[)}\]](?=$|:)|{.*})", BLOCKS[number], re.M)
-    assert len(said) == (3, 0, 0, 0)[number]
+    assert len(said) == (3, 0, 0, 0, 0)[number]
     assert all(text in out for text in said)
 
 
@@ -84,7 +90,7 @@ def test_a_run_is_that_of_the_command() -> None:
     run = vsense.load("foraging", {"foraging.pull": 0.2}, robots=5, duration_s=20).simulate(3, "a")
     words = ["sim", "foraging", "--set", "foraging.pull=0.2", "--robots", "5", "--seed", "3"]
     assert cli.main([*words, "--duration", "20", "--output", "b"]) == 0
-    theirs = SimulatedRun(Path("b"))
+    theirs = FinishedRun(Path("b"))
     assert run.folder == Path("a").resolve() and run.valid
     for ours, other in ((run.poses, theirs.poses), (run.leds, theirs.leds)):
         assert ours.shape[:2] == (200, 5) and np.array_equal(ours, other)
@@ -142,7 +148,7 @@ def test_a_campaign_is_a_table_that_goes_on(capsys: pytest.CaptureFixture[str]) 
         (lambda: load_experiment("foraging").simulate_many(3), "expected a list"),
         (lambda: load_experiment("foraging").simulate_many([1], jobs=-1), "jobs=-1: expected"),
         (lambda: load_experiment("foraging").simulate_many([1], {"a.b": []}), "a.b=.*a list"),
-        (lambda: SimulatedRun(Path("nowhere")).measures, "is no run of vsense sim"),
+        (lambda: FinishedRun(Path("nowhere")).measures, "is left by no run"),
     ],
 )
 def test_what_is_wrong_is_one_sentence(act, words: str) -> None:
