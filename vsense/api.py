@@ -20,12 +20,14 @@ if TYPE_CHECKING:
     from vsense.monitor.recording.reader import open_recording
     from vsense.robots.python_robot import Robot
     from vsense.robots.python_swarm import Leds, Swarm
+    from vsense.studies.live_run import LiveRun
     from vsense.studies.notebook import LoadedExperiment, parallel_env
     from vsense.studies.notebook import load_experiment as load
     from vsense.studies.report.report import make_report
-    from vsense.studies.results import RunTable, SimulatedRun
+    from vsense.studies.results import FinishedRun, RunTable
     from vsense.studies.series.campaign import Campaign
     from vsense.studies.series.campaign import run as run_campaign
+    from vsense.tools.camera_setup.photographs import detect
     from vsense.vision.cameras.camera import Camera
     from vsense.world.actuators.base import VirtualActuator
     from vsense.world.entities import Box, Cylinder, Light, VirtualRobot, Zone
@@ -45,6 +47,7 @@ PLACES = {
     "Floor": "vsense.world.fields",
     "Leds": "vsense.robots.python_swarm",
     "Light": "vsense.world.entities",
+    "LiveRun": "vsense.studies.live_run",
     "LoadedExperiment": "vsense.studies.notebook",
     "Robot": "vsense.robots.python_robot",
     "Robots": "vsense.world.sensors.base",
@@ -52,7 +55,7 @@ PLACES = {
     "Scale": "vsense.world.sensors.quality",
     "Scope": "vsense.world.sensors.base",
     "Setup": "vsense.modes.sim.job",
-    "SimulatedRun": "vsense.studies.results",
+    "FinishedRun": "vsense.studies.results",
     "SteppedSimulation": "vsense.modes.sim.stepping",
     "Swarm": "vsense.robots.python_swarm",
     "Sweep": "vsense.modes.sim.job",
@@ -62,6 +65,7 @@ PLACES = {
     "VsenseError": "vsense.base.errors",
     "World": "vsense.world.world",
     "Zone": "vsense.world.entities",
+    "detect": "vsense.tools.camera_setup.photographs",
     "interruption": "vsense.base.terminal",
     "load": "vsense.studies.notebook:load_experiment",
     "make_report": "vsense.studies.report.report",
@@ -80,9 +84,11 @@ __all__ = [
     "Cylinder",
     "Element",
     "Engine",
+    "FinishedRun",
     "Floor",
     "Leds",
     "Light",
+    "LiveRun",
     "LoadedExperiment",
     "Robot",
     "Robots",
@@ -90,7 +96,6 @@ __all__ = [
     "Scale",
     "Scope",
     "Setup",
-    "SimulatedRun",
     "SteppedSimulation",
     "Swarm",
     "Sweep",
@@ -100,6 +105,7 @@ __all__ = [
     "VsenseError",
     "World",
     "Zone",
+    "detect",
     "interruption",
     "load",
     "make_report",

@@ -147,5 +147,5 @@ def test_what_needs_an_extra_says_so_before_anything_starts(package: str, folder
 
 
 def test_every_extra_is_tried() -> None:
-    from_python = {"pandas", "pettingzoo", "pyarrow"}  # see tests/studies
+    from_python = {"anywidget", "pandas", "pettingzoo", "pyarrow"}  # see tests/studies
     assert set(NEEDS) == set(EXTRAS) - from_python

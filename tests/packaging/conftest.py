@@ -19,6 +19,7 @@ EXTRAS = (
     "foxglove",
     "https",
     "learn",
+    "notebook",
     "record",
     "report",
     "tables",

@@ -32,13 +32,15 @@ from vsense.config.specs import Experiment, Stage
 from vsense.modes.options import ExperimentOptions
 from vsense.modes.sim import experiment as single
 from vsense.modes.sim.job import SimOptions, Sweep, setup_of
+from vsense.run import directory
 from vsense.run.environment import MOST_SEED
 from vsense.studies.report import FORMATS
-from vsense.studies.results import RunTable, SimulatedRun
+from vsense.studies.results import FinishedRun, RunTable
 
 if TYPE_CHECKING:
     from vsense.modes.sim.stepping import Reward
     from vsense.studies._parallel import SwarmEnvironment
+    from vsense.studies.live_run import LiveRun
 
 Setting = str | float
 
@@ -147,7 +149,7 @@ class LoadedExperiment:
         output: str | Path | None = None,
         record: bool = False,
         progress: bool = False,
-    ) -> SimulatedRun:
+    ) -> FinishedRun:
         """Simulates it once.
 
         Args:
@@ -166,7 +168,7 @@ class LoadedExperiment:
         with _interruptible() as interrupted:
             asked = SimOptions(options, record=record)
             _, folder = single.simulate(asked, _console(progress), interrupted)
-        return SimulatedRun(folder)
+        return FinishedRun(folder, self.experiment)
 
     def simulate_many(
         self,
@@ -205,6 +207,62 @@ class LoadedExperiment:
         with _interruptible() as interrupted:
             campaign.run(table, _console(progress), interrupted)
         return RunTable(path)
+
+    def lab(
+        self,
+        seed: int | None = None,
+        output: str | Path | None = None,
+        progress: bool = False,
+        **options: Any,
+    ) -> LiveRun:
+        """Starts it in the lab: `vsense lab`, in a process of its own.
+
+        Args:
+            seed: of everything that is drawn; None: the file's.
+            output: a new folder for what its runs leave; None: one in runs/.
+            progress: what the command says is printed on standard error.
+            options: those of `vsense lab --help all`, with underscores: `web=8080, pace=0.5`. It is
+                recorded, unless `record=False`.
+
+        Raises:
+            UsageError: an option is wrong, or something does not go together.
+            VsenseError: it cannot begin.
+        """
+        return self._start("lab", seed, output, progress, options)
+
+    def run(
+        self,
+        seed: int | None = None,
+        output: str | Path | None = None,
+        progress: bool = False,
+        **options: Any,
+    ) -> LiveRun:
+        """Starts it with real robots: `vsense run`, in a process of its own; as `lab`.
+
+        `tracking=("resources.xml", "session.xml"), roster="robots.toml"`: options of
+        `vsense run --help all`. All robots stop when the `with` block ends, or this process.
+        """
+        return self._start("run", seed, output, progress, options)
+
+    def _start(
+        self,
+        command: str,
+        seed: int | None,
+        output: str | Path | None,
+        progress: bool,
+        options: Mapping[str, Any],
+    ) -> LiveRun:
+        from vsense.studies.live_run import LiveRun, options_as_words
+
+        _check("seed", seed, int, 0, MOST_SEED)
+        own = self.options
+        settings = [word for item in own.settings.items() for word in ("--set", "=".join(item))]
+        given = {"robots": own.robots, "duration": own.duration, "blind": own.blind, "seed": seed}
+        words = options_as_words({"record": True, **given, **options})
+        wanted = None if output is None else Path(output)
+        folder = directory.make(wanted, self.experiment.name, seed)
+        words = (command, own.experiment, *settings, *words)
+        return LiveRun(words, folder, progress, self.experiment)
 
     def __str__(self) -> str:
         """What it holds, as `--dry` prints it."""

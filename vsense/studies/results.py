@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import base64
 import csv
 import html
 import importlib
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -15,49 +16,86 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.errors import VsenseError, failing_as, require
+from vsense.base.errors import UsageError, VsenseError, failing_as, require
 from vsense.base.files import parse_json, read_text
 from vsense.base.terminal import spoken
-from vsense.run.directory import LOGGED, SUMMARY, TRAJECTORY
+from vsense.config.specs import Experiment
+from vsense.run.directory import LOGGED, MEASURES_CSV, SUMMARY, TIMESTEPS_CSV, TRAJECTORY
 from vsense.run.runs_csv import RunRow, read_runs
 
 Columns = dict[str, NDArray[Any]]
 
 
 @dataclass(frozen=True)
-class SimulatedRun:
-    """What a run of `vsense sim` has left in its folder.
+class FinishedRun:
+    """What a run has left in its folder: of `vsense sim`, `vsense lab` or `vsense run`.
 
     Attributes:
         folder: where it is.
+        experiment: of which it is a run; None: it was not said.
     """
 
     folder: Path
+    experiment: Experiment | None = field(default=None, repr=False, compare=False)
 
     @cached_property
     def summary(self) -> dict[str, Any]:
         """The figures: summary.json."""
         path = Path(self.folder) / SUMMARY
-        with failing_as(VsenseError, f"{path}: is no run of vsense sim"):
+        with failing_as(VsenseError, f"{path}: is left by no run"):
             summary: dict[str, Any] = parse_json(read_text(path))
         return summary
 
     @property
     def measures(self) -> dict[str, float]:
         """The experiment's measures at the end, by name."""
-        return dict(self.summary["measures"])
+        return dict(self.summary["measures" if "measures" in self.summary else "results"])
 
     @property
     def valid(self) -> bool:
         """Whether the run counts; `summary["why"]` says why not."""
         return not self.summary["why"]
 
+    @property
+    def recording(self) -> Path:
+        """Where its recording is, if it was recorded; see `vsense.open_recording`."""
+        return Path(self.folder) / f"{self.summary['experiment']}.mcap"
+
     @cached_property
     def _trajectory(self) -> Mapping[str, NDArray[Any]]:
         path = Path(self.folder) / TRAJECTORY
+        if not path.exists() and self.recording.exists():
+            return self._recorded()
         cannot = failing_as(VsenseError, f"{path}: cannot be read")
         with cannot, np.load(path, allow_pickle=False) as arrays:
             return dict(arrays)
+
+    def _recorded(self) -> Columns:
+        """What cameras saw and robots reported, as `trajectory.npz` has it of a simulation."""
+        from vsense.monitor.recording.reader import open_recording
+
+        steps = _columns(Path(self.folder) / TIMESTEPS_CSV, ["run_timestep", "timestep"])
+        rows = dict(zip(steps["timestep"].tolist(), range(len(steps["timestep"]))))
+        with open_recording(self.recording) as recording:
+            facts = recording.experiment
+            row_by_tag = {robot["tag"]: n for n, robot in enumerate(facts["robots"])}
+            poses = np.full((len(rows), len(row_by_tag), 3), np.nan)
+            leds, seen_row = np.zeros(poses.shape[:2], np.uint16), -1
+            for message in recording.messages({"/arena", "/robots"}):
+                data = message.data.get("robots", message.data)
+                if message.topic == "/arena":
+                    seen_row = rows.get(message.data["timestep"], -1)
+                if seen_row < 0:
+                    continue
+                columns = [row_by_tag[tag] for tag in data["tag"]]
+                if message.topic == "/robots":
+                    leds[seen_row, columns] = data["leds"]
+                    continue
+                values = np.column_stack([data[name] for name in ("x_m", "y_m", "yaw_rad")])
+                values[~np.array(data["seen"], bool)] = np.nan
+                poses[seen_row, columns] = values
+        time_s = steps["run_timestep"] * facts["timestep_s"]
+        return {"time_s": time_s, "tags": np.array([*row_by_tag]), "poses": poses, "leds": leds}
 
     @property
     def time_s(self) -> NDArray[np.float64]:
@@ -71,7 +109,10 @@ class SimulatedRun:
 
     @property
     def poses(self) -> NDArray[np.float64]:
-        """(t, n, 3) x and y [m] and yaw [rad] of the robots, in the arena's frame."""
+        """(t, n, 3) x and y [m] and yaw [rad] of the robots, in the arena's frame.
+
+        In the lab and with real robots as cameras saw them, of a recorded run; NaN: not seen.
+        """
         return np.asarray(self._trajectory["poses"])
 
     @property
@@ -82,13 +123,19 @@ class SimulatedRun:
     @cached_property
     def measured(self) -> Columns:
         """The measures over time: `time_s`, and (t,) of each; empty where nothing is measured."""
-        path = Path(self.folder) / "measures.csv"
+        path = Path(self.folder) / MEASURES_CSV
         return _columns(path, ["time_s"]) if path.exists() else {"time_s": self.time_s}
 
     @cached_property
     def events(self) -> list[tuple[float, str]]:
-        """What controllers and loop functions logged: time [s] and words."""
+        """What controllers and loop functions logged, and people were told: time [s] and words."""
         path = Path(self.folder) / LOGGED
+        if not path.exists() and self.recording.exists():
+            from vsense.monitor.recording.reader import open_recording
+
+            with open_recording(self.recording) as recording:
+                said = [message.data for message in recording.messages({"/event"})]
+            return [(e["time_s"], e["text"]) for e in said if e["time_s"] is not None]
         rows = csv.DictReader(io.StringIO(read_text(path)))
         return [(float(row["time_s"]), row["text"]) for row in rows]
 
@@ -109,14 +156,32 @@ class SimulatedRun:
         """The run in one picture, a PNG file."""
         return Path(self.folder) / f"{self.summary['experiment']}.png"
 
-    def _repr_png_(self) -> bytes:
-        return self.picture.read_bytes()
+    def play(self) -> Any:
+        """The run as it plays in a notebook: a widget.
+
+        Raises:
+            UsageError: anywidget is not installed (extra `notebook`), or the experiment is not
+                known.
+            VsenseError: what is left of the run cannot be read.
+        """
+        require("play() needs", "anywidget")
+        if self.experiment is None:
+            words = "expected a run that simulate(), lab() or run() gave, or"
+            raise UsageError(f"{self.folder}: {words} FinishedRun(folder, experiment)")
+        from vsense.studies._player import make_player
+
+        return make_player(self.poses, self.leds, self.experiment, self.summary["seed"])
 
     def _repr_html_(self) -> str:
         words = {"seed": self.summary["seed"], "robots": self.summary["robots"]}
         words["verdict"] = "valid" if self.valid else f"invalid: {self.summary['why']}"
         words |= {spoken(name): f"{value:g}" for name, value in self.measures.items()}
-        return _table_html(["", self.summary["experiment"]], words.items())
+        table = _table_html(["", self.summary["experiment"]], words.items())
+        if not self.picture.exists():
+            return table
+        # Notebooks show either HTML or a picture: the one holds the other.
+        data = base64.b64encode(self.picture.read_bytes()).decode()
+        return f'{table}<img style="max-width: 100%" src="data:image/png;base64,{data}">'
 
 
 @dataclass(frozen=True)
