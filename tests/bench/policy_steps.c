@@ -1,14 +1,12 @@
 /* SPDX-License-Identifier: MIT */
 /*
  * policy_steps.c - a policy thinks, without a robot: for the bits that come out, and for counting
- * instructions. POLICY is the C file that was made of it.
+ * instructions. What was made of the policy's file stands before this in one file with it.
  *
  *     policy_steps N < OBSERVATIONS     singles as they lie in memory; of each observation N
  *                                       control steps, and the last one's action to the output
  *     policy_steps tanh < SINGLES       their hyperbolic tangents
  */
-#include POLICY
-
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -27,13 +25,14 @@ static int tangents(void)
 
 int main(int argc, char **argv)
 {
-    static struct state s;
+    struct state s;
     float seen[sizeof s.memory / sizeof s.memory[0]];
     long count = argc == 2 ? atol(argv[1]) : 0;
     long n;
 
     if (argc == 2 && strcmp(argv[1], "tanh") == 0)
         return tangents();
+    memset(&s, 0, sizeof s);
     while (fread(seen, sizeof seen[0], policy.inputs, stdin) == policy.inputs) {
         for (n = 0; n < count; n++) {
             memcpy(s.memory, seen, policy.inputs * sizeof seen[0]);

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -164,6 +164,12 @@ def _floats(value: int | memoryview) -> tuple[float, ...]:
     return struct.unpack(f"<{len(data) // 4}f", data)
 
 
+def _first(values: Sequence[Any]) -> Any:
+    if not values:
+        raise ValueError("is no ONNX file, or is damaged")
+    return values[0]
+
+
 def _small(values: list[Any], what: str) -> None:
     if len(values) > _MOST_SMALL:
         raise ValueError(f"has a {what} with more than {_MOST_SMALL} parts")
@@ -200,9 +206,9 @@ def _attribute(data: memoryview) -> tuple[str, Any]:
         if number == 1:
             name = _text(value)
         elif number == 2:
-            found = _floats(value)[0]
+            found = _first(_floats(value))
         elif number == 3:
-            found = _whole(value)[0]
+            found = _first(_whole(value))
         elif number == 4:
             found = _text(value)
         elif number == 5:
@@ -225,7 +231,7 @@ def _tensor(data: memoryview) -> tuple[str, Constant]:
             shape += _whole(value)
             _small(shape, "tensor")
         elif number == 2:
-            (kind,) = _whole(value)
+            kind = _first(_whole(value))
         elif number == 4:
             typed[4] += _floats(value)
         elif number in (5, 7):

@@ -109,11 +109,14 @@ class PolicyGraph:
             if name and name not in self._places and name not in self._constants:
                 raise ValueError(f"{node}: nothing before it gives {shown(name)}")
         try:
-            _READERS[node.operator](self, node)
+            with np.errstate(all="ignore"):  # what is no number is told where it becomes a weight
+                _READERS[node.operator](self, node)
         except KeyError as error:
             raise ValueError(f"{node}: its attribute {error} is missing") from None
-        except (ValueError, IndexError, TypeError, OverflowError) as error:
+        except ValueError as error:
             raise ValueError(f"{node}: {error}") from None
+        except (IndexError, TypeError, OverflowError, AttributeError) as error:
+            raise ValueError(f"{node}: its inputs or attributes are damaged ({error})") from None
 
     def _room(self, *shape: int) -> Places:
         """New places in memory."""
