@@ -9,6 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.errors import instead
 from vsense.base.xml.element import Element
 from vsense.config.specs import ControllerSpec
 from vsense.robots.policy import PolicyError, read_policy
@@ -53,7 +54,13 @@ def checked(element: Element, spec: ControllerSpec) -> ControllerSpec:
     except PolicyError as error:
         raise element.error(str(error), "library") from None
     sensors = {name: len(low) for name, (low, _) in observed(spec).items()}
-    acts = [*_WHEELS, *_actuators(element, spec.params), *_leds(element, spec.params)]
+    actuators = _actuators(element, spec.params)
+    offered = [mounted.actuator.name for mounted in spec.actuators]
+    for name in actuators:
+        if name not in offered:
+            words = f"its parameter 'actuators' names {name!r}; {instead(name, offered)}"
+            raise element.error(words)
+    acts = [*_WHEELS, *actuators, *_leds(element, spec.params)]
     if (policy.inputs, policy.outputs) == (sum(sensors.values()), len(acts)):
         return spec
     raise element.error(

@@ -166,7 +166,8 @@ class PolicyGraph:
     def _dense(self, places: Places, matrix: Constant, bias: Constant) -> Places:
         """The product with a matrix (inputs, outputs), after a bias."""
         if matrix.ndim != 2 or places.size != matrix.shape[0]:
-            raise ValueError(f"{places.size} numbers, and weights {matrix.shape}")
+            shape = f"weights of the shape {matrix.shape}"
+            raise ValueError(f"it is given {places.size} numbers, and has {shape}")
         bias = np.broadcast_to(bias, (1, matrix.shape[1]))
         return self._emit(Op.DENSE, matrix.shape[1], places, None, np.vstack((bias, matrix)))
 
