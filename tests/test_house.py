@@ -425,11 +425,11 @@ def test_functions_fit_a_screen() -> None:
 
 BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
-    "vsense in Python": (("vsense",), (".py",), 495, 101400, 400),
+    "vsense in Python": (("vsense",), (".py",), 496, 101500, 400),
     "the page": (("vsense",), (".js", ".css", ".html"), 46, 6000, 300),
     "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 267, 29200, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 34, 7100, 512),
-    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 628, 105600, 657),
+    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 628, 105700, 657),
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 
