@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from vsense.modes.sim.job import Setup, Sweep
     from vsense.modes.sim.stepping import SteppedSimulation
     from vsense.monitor.recording.reader import open_recording
+    from vsense.robots.policy import save_policy
     from vsense.robots.python_robot import Robot
     from vsense.robots.python_swarm import Leds, Swarm
     from vsense.studies.live_run import LiveRun
@@ -73,6 +74,7 @@ PLACES = {
     "parallel_env": "vsense.studies.notebook",
     "read_truth": "vsense.modes.lab.truth",
     "run_campaign": "vsense.studies.series.campaign:run",
+    "save_policy": "vsense.robots.policy",
 }
 """The module of each public name, and its name there where that is another one."""
 
@@ -113,6 +115,7 @@ __all__ = [
     "parallel_env",
     "read_truth",
     "run_campaign",
+    "save_policy",
 ]
 
 
