@@ -18,7 +18,7 @@ from pathlib import Path
 
 from vsense.base.errors import UsageError, failing_as, instead
 from vsense.base.files import PACKAGE_FOLDER
-from vsense.robots import _cache, policy
+from vsense.robots import _cache
 from vsense.robots._argos_code import (
     CONTROLLER_PARTS,
     FLAGS,
@@ -362,7 +362,9 @@ def _fingerprint(tree: SourceTree, program: ProgramSources, sources: Sources | N
     if program.is_argos:
         digest.update(f"{FLAGS}{STANDARD}{program}".encode())
     if program.is_policy:
-        digest.update(policy.c_of(program.sources[0]).encode())
+        from vsense.robots.policy import c_of  # with NumPy, which setup.py has none of
+
+        digest.update(c_of(program.sources[0]).encode())
     own = [*_cache.dependencies(sources, compiler), *tree.lab_sources()]
     for path in (*sources.own, *sources.own_cxx, *tree.headers(), *argos, *own):
         digest.update(os.fsencode(path.name) + b"\0" + path.read_bytes() + b"\0")

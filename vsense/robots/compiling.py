@@ -16,7 +16,7 @@ from pathlib import Path
 
 from vsense.base.errors import VsenseError
 from vsense.base.terminal import Console
-from vsense.robots import _argos_code, _compiled, policy
+from vsense.robots import _argos_code, _compiled
 from vsense.robots.sources import HASH_DIGITS, ProgramSources, content, folders_digest, headers
 
 SECTIONS = ("-O2", "-ffunction-sections", "-fdata-sections")
@@ -33,8 +33,7 @@ CXXFLAGS = ("-std=c++17", *SECTIONS, *PLAIN, "-fno-threadsafe-statics")
 """For a controller in C++; the user's own CXXFLAGS come after them. Exceptions and their tables
 would more than double the daemon, and nothing on a robot has two threads."""
 
-CXX_SUFFIXES = (".cpp", ".cc", ".cxx")
-PYTHON, POLICY = ".py", ".onnx"
+CXX_SUFFIXES, PYTHON, POLICY = (".cpp", ".cc", ".cxx"), ".py", ".onnx"
 PROGRAM_SUFFIXES = (".c", *CXX_SUFFIXES, PYTHON, POLICY)
 """Of a controller's file, in the order in which they are looked for."""
 
@@ -185,7 +184,9 @@ class Sources:
         """Compiles a program's file in C; BuildError: it is refused, or is no controller."""
         target = out.with_name(f"{out.name}_{source.stem}.o")
         if self.program.is_policy:
-            source = policy.write_c(source, target.with_suffix(".c"))
+            from vsense.robots.policy import write_c  # with NumPy, which setup.py has none of
+
+            source = write_c(source, target.with_suffix(".c"))
         flags = [*toolchain.debug, *(flag for flag in flags if flag.startswith("-f"))]
         self.compile(toolchain, source, target, flags)
         if words := _compiled.fault(target, source):
@@ -279,8 +280,7 @@ class Sources:
         """
         if self.program.is_argos or self.program.is_policy:
             return self.program.own_files()
-        (source,) = self.program.sources
-        asked = ["-MM", "-MT", "it", str(source)]
+        asked = ["-MM", "-MT", "it", *map(str, self.program.sources)]
         if self.is_cxx:
             rule = self._run(toolchain.for_cxx(), CXXFLAGS, [*own_cxxflags(), *asked])
         else:
