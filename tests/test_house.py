@@ -56,7 +56,7 @@ LOOSE = {"__init__", "__main__", "_moved", "api", "cli"}
 """The only modules that lie beside the rooms."""
 
 SHORT = {
-    **{f"vsense.{name}": "a seam" for name in ("__main__", "base.clock")},
+    **{f"vsense.{name}": "a seam" for name in ("__main__", "base.clock", "studies._pytest_plugin")},
     **{
         f"vsense.commands.{name}": "one file per command"
         for name in ("docs", "doctor", "new", "reproduce", "serve", "track")
@@ -429,7 +429,7 @@ BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     "the page": (("vsense",), (".js", ".css", ".html"), 46, 6000, 300),
     "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 267, 29200, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 34, 7100, 512),
-    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 628, 105500, 657),
+    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 630, 106000, 657),
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, fields, replace
@@ -132,17 +133,22 @@ class GrowingRuns:
     """
 
     def __init__(
-        self, how: TrialOptions, name: str, digest: str, console: Console, interrupted: Interruption
+        self,
+        how: TrialOptions,
+        name: str,
+        digests: Sequence[str],
+        console: Console,
+        interrupted: Interruption,
     ) -> None:
         """Begins with what is in the table.
 
         Args:
             how: runs are made.
             name: of the files, where nobody gave one.
-            digest: of all that is compared; rows of other runs are refused.
+            digests: of all that is compared; rows of other runs are refused.
         """
         self.how, self._console, self._interrupted = how, console, interrupted
-        digest = digest[: fingerprint.NAME_DIGITS]
+        digest = hashlib.sha256("".join(digests).encode()).hexdigest()[: fingerprint.NAME_DIGITS]
         self.path, self._drawing = how.outputs(f"{name}-{digest}")
         self._plan = SeriesPlan(self.path, digest, "sim", (), (), seed=CAMPAIGN, again=EVER)
         self.table = CampaignTable(RunsFile(self.path), self._plan, mixed=True)
