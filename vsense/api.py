@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from vsense.studies.series.campaign import Campaign
     from vsense.studies.series.campaign import run as run_campaign
     from vsense.studies.series.compare import compare
+    from vsense.studies.series.optimize import optimize
     from vsense.vision.cameras.camera import Camera
     from vsense.world.actuators.base import VirtualActuator
     from vsense.world.entities import Box, Cylinder, Light, VirtualRobot, Zone
@@ -70,6 +71,7 @@ PLACES = {
     "load": "vsense.studies.notebook:load_experiment",
     "make_report": "vsense.studies.report.report",
     "open_recording": "vsense.monitor.recording.reader",
+    "optimize": "vsense.studies.series.optimize",
     "parallel_env": "vsense.studies.notebook",
     "read_truth": "vsense.modes.lab.truth",
     "run_campaign": "vsense.studies.series.campaign:run",
@@ -110,6 +112,7 @@ __all__ = [
     "load",
     "make_report",
     "open_recording",
+    "optimize",
     "parallel_env",
     "read_truth",
     "run_campaign",

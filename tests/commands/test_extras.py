@@ -56,6 +56,7 @@ NEEDS = {
         ),
     ),
     "argcomplete": ("completion bash",),
+    "optuna": ("optimize foraging --vary foraging.release=0..1 --maximize items_home",),
     "ziglang": (
         *(
             "robot build --controller foraging --target epuck",
