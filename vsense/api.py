@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from vsense.studies.results import FinishedRun, RunTable
     from vsense.studies.series.campaign import Campaign
     from vsense.studies.series.campaign import run as run_campaign
+    from vsense.studies.series.compare import compare
+    from vsense.studies.series.optimize import optimize
     from vsense.tools.camera_setup.photographs import detect
     from vsense.vision.cameras.camera import Camera
     from vsense.world.actuators.base import VirtualActuator
@@ -67,10 +69,12 @@ PLACES = {
     "World": "vsense.world.world",
     "Zone": "vsense.world.entities",
     "detect": "vsense.tools.camera_setup.photographs",
+    "compare": "vsense.studies.series.compare",
     "interruption": "vsense.base.terminal",
     "load": "vsense.studies.notebook:load_experiment",
     "make_report": "vsense.studies.report.report",
     "open_recording": "vsense.monitor.recording.reader",
+    "optimize": "vsense.studies.series.optimize",
     "parallel_env": "vsense.studies.notebook",
     "read_truth": "vsense.modes.lab.truth",
     "run_campaign": "vsense.studies.series.campaign:run",
@@ -107,11 +111,13 @@ __all__ = [
     "VsenseError",
     "World",
     "Zone",
+    "compare",
     "detect",
     "interruption",
     "load",
     "make_report",
     "open_recording",
+    "optimize",
     "parallel_env",
     "read_truth",
     "run_campaign",

@@ -52,9 +52,11 @@ NEEDS = {
         *(
             "sim foraging --runs 2 --on tcp://127.0.0.1:9",
             "series plan.toml --on tcp://127.0.0.1:9",
+            "compare foraging foraging --maximize items_home --on tcp://127.0.0.1:9",
         ),
     ),
     "argcomplete": ("completion bash",),
+    "optuna": ("optimize foraging --vary foraging.release=0..1 --maximize items_home",),
     "ziglang": (
         *(
             "robot build --controller foraging --target epuck",

@@ -20,6 +20,7 @@ EXTRAS = (
     "https",
     "learn",
     "notebook",
+    "optimize",
     "record",
     "report",
     "tables",

@@ -19,6 +19,7 @@ EXTRAS = {
     "foxglove": "foxglove",
     "matplotlib": "report",
     "mcap": "record",
+    "optuna": "optimize",
     "pandas": "tables",
     "pettingzoo": "learn",
     "pyarrow": "tables",

@@ -130,8 +130,8 @@ class LoadedExperiment:
         duration_s: float | None = None,
     ) -> LoadedExperiment:
         """The same with other settings, which are added to those it has; raises as `load`."""
-        _check("robots", robots, int, 1)
-        _check("duration_s", duration_s, float, 0.0)
+        checked("robots", robots, int, 1)
+        checked("duration_s", duration_s, float, 0.0)
         added = {key: str(value) for key, value in dict(settings or {}).items()}
         changed = LoadedExperiment(
             replace(
@@ -163,12 +163,12 @@ class LoadedExperiment:
             KeyboardInterrupt: Ctrl-C; what there is of the run is in its folder.
             VsenseError: it cannot be simulated, or has failed.
         """
-        _check("seed", seed, int, 0, MOST_SEED)
+        checked("seed", seed, int, 0, MOST_SEED)
         folder = None if output is None else Path(output)
         options = replace(self.options, seed=seed, output=folder)
-        with _interruptible() as interrupted:
+        with interruptible() as interrupted:
             asked = SimOptions(options, record=record)
-            _, folder = single.simulate(asked, _console(progress), interrupted)
+            _, folder = single.simulate(asked, console_of(progress), interrupted)
         return FinishedRun(folder, self.experiment)
 
     def simulate_many(
@@ -194,9 +194,9 @@ class LoadedExperiment:
         from vsense.studies.series import campaign
 
         fixed = {key: (value,) for key, value in self.options.settings.items()}
-        varied = {k: tuple(map(str, _several(k, given))) for k, given in (settings or {}).items()}
-        wanted = [_check("seeds", seed, int, 1, MOST_SEED) for seed in _several("seeds", seeds)]
-        _check("jobs", jobs, int, 1)
+        varied = {k: tuple(map(str, listed(k, given))) for k, given in (settings or {}).items()}
+        wanted = [checked("seeds", seed, int, 1, MOST_SEED) for seed in listed("seeds", seeds)]
+        checked("jobs", jobs, int, 1)
         path = Path(os.path.abspath(output)).with_suffix(".csv")
         table = campaign.Campaign(
             Sweep({**fixed, **varied}, tuple(wanted)),
@@ -205,8 +205,8 @@ class LoadedExperiment:
             path.with_suffix(f".{FORMATS[0]}"),
             jobs=jobs,
         )
-        with _interruptible() as interrupted:
-            campaign.run(table, _console(progress), interrupted)
+        with interruptible() as interrupted:
+            campaign.run(table, console_of(progress), interrupted)
         return RunTable(path)
 
     def lab(
@@ -255,7 +255,7 @@ class LoadedExperiment:
     ) -> LiveRun:
         from vsense.studies.live_run import LiveRun, options_as_words
 
-        _check("seed", seed, int, 0, MOST_SEED)
+        checked("seed", seed, int, 0, MOST_SEED)
         own = self.options
         settings = [word for item in own.settings.items() for word in ("--set", "=".join(item))]
         given = {"robots": own.robots, "duration": own.duration, "blind": own.blind, "seed": seed}
@@ -273,7 +273,7 @@ class LoadedExperiment:
         return f"<pre>{html.escape(str(self))}</pre>"
 
 
-def _check(name: str, value: Any, kind: type[Any], least: float, most: float = math.inf) -> Any:
+def checked(name: str, value: Any, kind: type[Any], least: float, most: float = math.inf) -> Any:
     """The value as a plain number; UsageError: it is none, or beyond its bounds. None stays."""
     if value is None:
         return None
@@ -288,23 +288,24 @@ def _check(name: str, value: Any, kind: type[Any], least: float, most: float = m
     return number
 
 
-def _several(name: str, values: Any) -> list[Any]:
+def listed(name: str, values: Any) -> list[Any]:
     """What a list holds, each once; UsageError: it is no list, is empty, or has something twice."""
     try:
-        listed = [] if isinstance(values, (str, bytes)) else list(values)
+        items = [] if isinstance(values, (str, bytes)) else list(values)
     except TypeError:
-        listed = []
-    if not listed or None in listed or len(set(map(str, listed))) < len(listed):
+        items = []
+    if not items or None in items or len(set(map(str, items))) < len(items):
         raise UsageError(f"{name}={values!r}: expected a list of one or more, each once")
-    return listed
+    return items
 
 
-def _console(progress: bool) -> Console:
+def console_of(progress: bool) -> Console:
+    """Standard error, or where nobody reads."""
     return Console() if progress else Console(io.StringIO())
 
 
 @contextmanager
-def _interruptible() -> Iterator[Interruption]:
+def interruptible() -> Iterator[Interruption]:
     """Ctrl-C as a flag while a run goes on, and as Python's own exception after it."""
     if threading.current_thread() is not threading.main_thread():
         yield Interruption()
@@ -313,4 +314,4 @@ def _interruptible() -> Iterator[Interruption]:
         with interruption() as interrupted:
             yield interrupted
     except Interrupted:
-        raise KeyboardInterrupt from None
+        raise KeyboardInterrupt(interrupted.code) from None

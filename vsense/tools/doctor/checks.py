@@ -49,6 +49,7 @@ _PURPOSES = {
     "foxglove": "runs and replays in Foxglove (--foxglove)",
     "notebook": "runs that play in notebooks",
     "learn": "learning in simulation (vsense.parallel_env)",
+    "optimize": "searches for the best settings (vsense optimize)",
     "tables": "runs as data frames (to_pandas)",
 }
 
