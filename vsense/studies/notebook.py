@@ -80,6 +80,7 @@ def parallel_env(
     actuators: Mapping[str, tuple[float, float]] | None = None,
     leds: bool = False,
     render_mode: str | None = None,
+    controller: str = "",
 ) -> SwarmEnvironment:
     """Makes an environment; see `vsense.load` for the first four.
 
@@ -95,17 +96,19 @@ def parallel_env(
         actuators: virtual actuators by name, and what -1 and 1 stand for of their first number.
         leds: robots have red LEDs to switch.
         render_mode: "rgb_array", "human" (a window, extra `report`), or None.
+        controller: whose robots the agents are, by its id, where the experiment has several; the
+            others do what their own controllers say.
 
     Raises:
         UsageError: PettingZoo is not installed (extra `learn`); the experiment has several
-            controllers; there is no such measure or actuator.
+            controllers, and none was named; there is no such controller, measure or actuator.
         VsenseError: as `vsense.load`.
     """
     require("parallel_env() needs", "pettingzoo")
     from vsense.studies._parallel import SwarmEnvironment
 
     loaded = load_experiment(experiment, settings, robots, duration_s).experiment
-    return SwarmEnvironment(loaded, reward, dict(actuators or {}), leds, render_mode)
+    return SwarmEnvironment(loaded, reward, dict(actuators or {}), leds, render_mode, controller)
 
 
 @dataclass(frozen=True)
