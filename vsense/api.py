@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from vsense.studies.notebook import LoadedExperiment, parallel_env
     from vsense.studies.notebook import load_experiment as load
     from vsense.studies.report.report import make_report
-    from vsense.studies.results import FinishedRun, RunTable
+    from vsense.studies.results import FinishedRun, RunTable, unpack
     from vsense.studies.series.campaign import Campaign
     from vsense.studies.series.campaign import run as run_campaign
     from vsense.studies.series.compare import compare
@@ -79,6 +79,7 @@ PLACES = {
     "read_truth": "vsense.modes.lab.truth",
     "run_campaign": "vsense.studies.series.campaign:run",
     "save_policy": "vsense.robots.policy",
+    "unpack": "vsense.studies.results",
 }
 """The module of each public name, and its name there where that is another one."""
 
@@ -122,6 +123,7 @@ __all__ = [
     "read_truth",
     "run_campaign",
     "save_policy",
+    "unpack",
 ]
 
 

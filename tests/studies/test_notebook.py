@@ -17,7 +17,7 @@ import pytest
 import vsense
 from tests.conftest import require_tool
 from tests.monitor.ui.browser import Browser, Page
-from tests.rigs.places import ROOT
+from tests.rigs.places import DATA, ROOT
 from vsense import cli
 from vsense.base.errors import UsageError
 from vsense.studies.notebook import load_experiment
@@ -289,3 +289,18 @@ def test_pandas_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> Non
     run = load_experiment("foraging", robots=3, duration_s=2).simulate(1, "a")
     with pytest.raises(UsageError, match=r"to_pandas\(\) needs the Python package pandas: .*pip"):
         run.to_pandas()
+
+
+def test_a_packages_tables_are_read_and_a_damaged_one_is_refused(folder: Path) -> None:
+    kept = (DATA / "made-by-0.1" / "kept.zip").read_bytes()
+    Path("kept.zip").write_bytes(kept)
+    (table,) = vsense.unpack("kept.zip", "kept")
+    columns = table.columns()
+    assert table.path == Path("kept/kept-sim/runs.csv") and columns["run"].tolist() == [1, 2]
+    with vsense.open_recording("kept/kept-sim/run-001/mine.mcap") as recording:
+        assert recording.experiment
+    with pytest.raises(vsense.VsenseError, match="kept: is not empty"):
+        vsense.unpack("kept.zip", "kept")
+    Path("cut.zip").write_bytes(kept[:-100])
+    with pytest.raises(vsense.VsenseError, match=r"cut\.zip: is no package"):
+        vsense.unpack("cut.zip", "cut")

@@ -21,7 +21,8 @@ from vsense.base.files import parse_json, read_text
 from vsense.base.terminal import spoken
 from vsense.config.specs import Experiment
 from vsense.run.directory import LOGGED, MEASURES_CSV, SUMMARY, TIMESTEPS_CSV, TRAJECTORY
-from vsense.run.runs_csv import RunRow, read_runs
+from vsense.run.runs_csv import RUNS, RunRow, read_runs
+from vsense.studies.packages._archive import Package
 
 Columns = dict[str, NDArray[Any]]
 
@@ -220,6 +221,20 @@ class RunTable:
         columns = self.columns()
         rows = zip(*columns.values())
         return _table_html(list(columns), rows)
+
+
+def unpack(package: str | Path, folder: str | Path) -> list[RunTable]:
+    """Unpacks a package of `vsense pack` into a new folder; gives its tables of runs.
+
+    Recordings lie in the folder, too; see `vsense.open_recording`. Nothing of it is run.
+
+    Raises:
+        VsenseError: it is no package, a file differs from its checksum, or the folder is not empty.
+    """
+    with Package(Path(package)) as archive:
+        archive.verify()
+        archive.unpack(Path(folder))
+    return [RunTable(path) for path in sorted(Path(folder).rglob(RUNS))]
 
 
 def _settings_of(condition: str) -> dict[str, str]:
