@@ -17,15 +17,12 @@ import numpy as np
 from vsense.base.arena import ArenaState
 from vsense.base.readings import SwarmReadings, TimedReadings
 from vsense.config.specs import ControllerSpec, Experiment
-from vsense.robots.hosted import HostedProgram
+from vsense.robots.hosted import STEP_MAX_S, HostedProgram
 from vsense.robots.inprocess import CONTROL_NS
 from vsense.robots.link.table import Direction, Entry, Table
 from vsense.robots.link.wire import Wanted
 from vsense.robots.program import kind_of
 from vsense.run.programs import Programs, failed_words
-
-STEP_MAX_S = 3.0
-"""What controllers may take for a control step; robots stand meanwhile, for want of a command."""
 
 COMMAND = "command"
 REMOTE_TABLE = Table(
