@@ -16,6 +16,7 @@ EXTRAS = {
     "cryptography": "https",
     "distributed": "cluster",
     "foxglove": "foxglove",
+    "lupa": "lua",
     "matplotlib": "report",
     "mcap": "record",
     "pandas": "tables",

@@ -33,7 +33,7 @@ CXXFLAGS = ("-std=c++17", *SECTIONS, *PLAIN, "-fno-threadsafe-statics")
 would more than double the daemon, and nothing on a robot has two threads."""
 
 CXX_SUFFIXES = (".cpp", ".cc", ".cxx")
-PYTHON = ".py"
+PYTHON, LUA = ".py", ".lua"
 PROGRAM_SUFFIXES = (".c", *CXX_SUFFIXES, PYTHON)
 """Of a controller's file, in the order in which they are looked for."""
 

@@ -176,6 +176,11 @@ class SwarmActuator:
             raise IndexError(f"number {index} of an actuator that has {self._count}")
         self._values[rows, index], self._changed[rows] = values, True
 
+    def set_all(self, values: Floats, where: ArrayLike = True) -> None:
+        """Sets all of its numbers, (n, k), for the robots of `where`."""
+        rows = self._swarm.rows(where)
+        self._values[rows], self._changed[rows] = values[rows, : self._count], True
+
     def rest(self, robot: int) -> None:
         """All numbers of one robot are 0."""
         self._values[robot], self._changed[robot] = 0.0, True
@@ -235,6 +240,7 @@ class Swarm:
     Attributes:
         tags: (n,) the robots.
         timestep_s: [s] length of a timestep; control steps are about that far apart.
+        offered, actuates: how many numbers the virtual sensors and actuators have, by name.
     """
 
     def __init__(
@@ -245,9 +251,9 @@ class Swarm:
         counts: Mapping[str, int],
         actuator_counts: Mapping[str, int],
     ) -> None:
-        """`counts` has the numbers of the virtual sensors, by their names in the table."""
+        """See the attributes; a fused sensor has its "+"."""
         self.tags, self.timestep_s, self.steps = np.array(tags), timestep_s, 0
-        self.runtime, self._counts, self._actuator_counts = runtime, counts, actuator_counts
+        self.runtime, self.offered, self.actuates = runtime, counts, actuator_counts
         self._readings = dict[str, SwarmReading]()
         self._actuators = dict[str, SwarmActuator]()
         self._walk: SwarmWalk | None = None
@@ -261,14 +267,14 @@ class Swarm:
     def sensor(self, name: str) -> SwarmReading:
         """Binds a sensor by name; of one that nobody offers the reading is not known."""
         if name not in self._readings:
-            count = self._counts.get(name, self._counts.get(f"+{name}", OWN_COUNTS.get(name, 1)))
+            count = self.offered.get(name, self.offered.get(f"+{name}", OWN_COUNTS.get(name, 1)))
             self._readings[name] = SwarmReading(self, name, count)
         return self._readings[name]
 
     def actuator(self, name: str) -> SwarmActuator:
         """Binds a virtual actuator by name."""
         if name not in self._actuators:
-            self._actuators[name] = SwarmActuator(self, name, self._actuator_counts.get(name, 1))
+            self._actuators[name] = SwarmActuator(self, name, self.actuates.get(name, 1))
         return self._actuators[name]
 
     def walk(self) -> SwarmWalk:
@@ -300,6 +306,11 @@ class Swarm:
         for side, given in enumerate((left_steps_s, right_steps_s)):
             steps_s = np.clip(self.column(given)[rows], -_MOST_STEPS_S, _MOST_STEPS_S)
             self._wheels[rows, side] = steps_s
+        self._are_set(rows)
+
+    def set_all_wheels(self, steps_s: Floats, rows: Rows) -> None:
+        """The same, (n, 2) within what fits 16 bits, of the robots whose `rows` are true."""
+        self._wheels[rows] = steps_s[rows]
         self._are_set(rows)
 
     def set_wheels_of(self, robot: int, left_steps_s: float, right_steps_s: float) -> None:

@@ -141,7 +141,7 @@ class Environment:
     def _remote_swarm(self) -> RemoteSwarm | None:
         experiment = self.experiment
         controllers = {experiment.controller_of(robot).id for robot in experiment.robots}
-        own = [c for c in experiment.controllers if c.id in controllers and c.program.is_python]
+        own = [c for c in experiment.controllers if c.id in controllers and c.program.is_hosted]
         if not own or experiment.stage is Stage.SIM:
             return None
         from vsense.run.remote import RemoteSwarm  # 20 ms

@@ -90,7 +90,7 @@ def of_files(task: Task) -> dict[str, str]:
         files[experiment.loop_functions.path] = None
         programs += [p for p in [experiment.loop_functions.program] if p is not None]
     for program in programs:
-        if program.is_python:  # the experiment names it, so `named_files` has what it imports
+        if program.is_hosted:  # the experiment names it, so `named_files` has what it imports
             files.update(dict.fromkeys(program.sources))
             continue
         sources = build.source_tree().runtime(program).dependencies(native())
