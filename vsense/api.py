@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from vsense.studies.results import FinishedRun, RunTable
     from vsense.studies.series.campaign import Campaign
     from vsense.studies.series.campaign import run as run_campaign
+    from vsense.tools.camera_setup.photographs import detect
     from vsense.vision.cameras.camera import Camera
     from vsense.world.actuators.base import VirtualActuator
     from vsense.world.entities import Box, Cylinder, Light, VirtualRobot, Zone
@@ -64,6 +65,7 @@ PLACES = {
     "VsenseError": "vsense.base.errors",
     "World": "vsense.world.world",
     "Zone": "vsense.world.entities",
+    "detect": "vsense.tools.camera_setup.photographs",
     "interruption": "vsense.base.terminal",
     "load": "vsense.studies.notebook:load_experiment",
     "make_report": "vsense.studies.report.report",
@@ -103,6 +105,7 @@ __all__ = [
     "VsenseError",
     "World",
     "Zone",
+    "detect",
     "interruption",
     "load",
     "make_report",

@@ -55,6 +55,7 @@ NEEDS = {
         ),
     ),
     "argcomplete": ("completion bash",),
+    "lupa": ("sim lua.argos", "lab lua.argos --port 0", "run lua.argos --tracker lines --port 0"),
     "ziglang": (
         *(
             "robot build --controller foraging --target epuck",
@@ -109,6 +110,13 @@ name = "other"
 controller = "pollutant"
 """
 
+SCRIPT = """<argos-configuration>
+<framework><experiment length="1" ticks_per_second="10" random_seed="7" /></framework>
+<controllers><lua_controller id="a"><actuators /><sensors /><params script="a.lua" />
+</lua_controller></controllers>
+<arena size="3, 3, 1"><e-puck id="e1"><body position="0,0,0" orientation="0,0,0" />
+<controller config="a" /></e-puck></arena></argos-configuration>"""
+
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
@@ -116,6 +124,8 @@ def folder(tmp_path: Path) -> Path:
     here = tmp_path / "here"
     here.mkdir()
     (here / "plan.toml").write_text(f'mode = "sim"\n{PLAN}')
+    (here / "lua.argos").write_text(SCRIPT)
+    (here / "a.lua").write_text("function init() end function step() end")
     (here / "two.toml").write_text(f'mode = "run"\n{PLAN}{CONTROLLERS}')
     (here / "run.zip").symlink_to(MADE / "kept.zip")
     (here / "robots.toml").symlink_to(MADE / "robots.toml")
@@ -147,5 +157,5 @@ def test_what_needs_an_extra_says_so_before_anything_starts(package: str, folder
 
 
 def test_every_extra_is_tried() -> None:
-    from_python = {"pandas", "pettingzoo", "pyarrow"}  # see tests/studies
+    from_python = {"anywidget", "pandas", "pettingzoo", "pyarrow"}  # see tests/studies
     assert set(NEEDS) == set(EXTRAS) - from_python

@@ -19,6 +19,8 @@ EXTRAS = (
     "foxglove",
     "https",
     "learn",
+    "lua",
+    "notebook",
     "record",
     "report",
     "tables",

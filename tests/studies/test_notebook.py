@@ -6,13 +6,17 @@ import json
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas
 import pytest
 
 import vsense
+from tests.conftest import require_tool
+from tests.monitor.ui.browser import Browser, Page
 from tests.rigs.places import ROOT
 from vsense import cli
 from vsense.base.errors import UsageError
@@ -79,10 +83,10 @@ LAB = 2
 def test_the_page_runs_as_it_is(number: int, capsys: pytest.CaptureFixture[str]) -> None:
     exec(compile(BLOCKS[number], "page", "exec"), {})
     out, err = capsys.readouterr()
-    assert out.count("\n") == (4, 2, 2, 1, 1)[number] and err == ""
+    assert out.count("\n") == (4, 2, 2, 1, 1, 4)[number] and err == ""
     # What stands behind a line as a comment is what it printed.
     said = re.findall(r"print\(.*\)\s*# ([({\[][^:]*[)}\]](?=$|:)|{.*})", BLOCKS[number], re.M)
-    assert len(said) == (3, 0, 0, 0, 0)[number]
+    assert len(said) == (3, 0, 0, 0, 0, 0)[number]
     assert all(text in out for text in said)
 
 
@@ -105,7 +109,67 @@ def test_a_run_is_that_of_the_command() -> None:
     assert [text for _, text in run.events] == [text for _, text in theirs.events]
     assert run.measured["items_home"].shape == (200,)
     assert run.measured["items_home"][-1] == run.measures["items_home"]
-    assert run._repr_png_().startswith(b"\x89PNG") and "items home" in run._repr_html_()
+    assert "items home" in run._repr_html_() and "image/png;base64,iVBOR" in run._repr_html_()
+
+
+@pytest.fixture
+def page() -> Iterator[Page]:
+    """A page in a browser of its own."""
+    browser = Browser(require_tool("chromium", "chromium"))
+    yield browser.open("about:blank", 700, 700)
+    browser.close()
+
+
+def test_a_run_plays_in_a_notebook(page: Page) -> None:
+    run = vsense.load("foraging", robots=5, duration_s=20).simulate(1, "a")
+    player = run.play()
+    model = {
+        name: list(value) if isinstance(value, bytes) else value
+        for name, value in player.get_state().items()
+        if name in ("poses", "leds", "picture", "robots", "timestep_s", "arena", "radius_m")
+    }
+    script = json.dumps((ROOT / "vsense" / "studies" / "player.js").read_text())
+    page.value(
+        f"(async () => {{ const given = {json.dumps(model)};"
+        " const get = (name) => Array.isArray(given[name]) && name !== 'arena'"
+        " ? new DataView(new Uint8Array(given[name]).buffer) : given[name];"
+        f" const script = URL.createObjectURL(new Blob([{script}], {{type: 'text/javascript'}}));"
+        " window.player = (await import(script)).default;"
+        " window.end = player.render({model: {get}, el: document.body}); })()"
+    )
+    page.until("document.querySelector('span').textContent === '0.0 s'")
+    canvas = "document.querySelector('canvas')"
+    at = f"Array.from({canvas}.getContext('2d').getImageData({{}}, {{}}, 1, 1).data)"
+    width_px = page.value(f"{canvas}.width")
+
+    def colour(step: int, robot: int) -> list[int]:
+        x_m, y_m, yaw = run.poses[step, robot]
+        left_m, low_m, width_m, depth_m = player.arena
+        zoom, behind_m = width_px / width_m, 0.5 * player.radius_m
+        x_m, y_m = x_m - behind_m * np.cos(yaw), y_m - behind_m * np.sin(yaw)
+        place = round((x_m - left_m) * zoom), round((low_m + depth_m - y_m) * zoom)
+        return list(page.value(at.format(*place)))
+
+    blue = [0x2F, 0x6F, 0xB7, 255]
+    assert all(colour(0, robot) == blue for robot in range(5))
+    page.value(
+        "(() => { const s = document.querySelector('input'); s.value = 150;"
+        " s.dispatchEvent(new Event('input')); })()"
+    )
+    assert page.text("span") == "15.0 s" and all(colour(150, r) == blue for r in range(5))
+    assert colour(0, 0) != blue or np.allclose(run.poses[0, 0], run.poses[150, 0], atol=0.05)
+    page.click("button")
+    page.until("document.querySelector('span').textContent === '19.9 s'")
+    assert page.text("button") == "Play", "it has come to its end"
+
+
+def test_a_run_that_cannot_play_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
+    vsense.load("foraging", robots=2, duration_s=1).simulate(1, "a")
+    with pytest.raises(UsageError, match="a: expected a run that simulate"):
+        FinishedRun(Path("a")).play()
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(UsageError, match=r"play\(\) needs the Python package anywidget"):
+        FinishedRun(Path("a")).play()
 
 
 def test_changing_makes_another_one() -> None:
@@ -162,9 +226,7 @@ def test_loading_needs_no_opencv() -> None:
     assert done.stdout == "False\n"
 
 
-@pytest.mark.campaign
 def test_data_frames() -> None:
-    pandas = pytest.importorskip("pandas")
     run = load_experiment("foraging", robots=3, duration_s=2).simulate(1, "a")
     frame = run.to_pandas()
     assert (

@@ -51,7 +51,7 @@ def test_the_lab_is_held_by_a_block(tmp_path: Path, capsys: pytest.CaptureFixtur
     moved_m = np.hypot(*(run.poses[-1] - run.poses[0])[:, :2].T)
     assert (moved_m > 0.05).any() and run.measured["light_distance_m"].shape == (30,)
     assert ("".join(text for _, text in run.events)).startswith("completing the recording")
-    assert run._repr_png_().startswith(b"\x89PNG") and capsys.readouterr() == ("", "")
+    assert "image/png;base64,iVBOR" in run._repr_html_() and capsys.readouterr() == ("", "")
 
 
 def test_robots_are_driven_and_what_goes_wrong_is_one_sentence(

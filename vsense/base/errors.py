@@ -12,6 +12,7 @@ from pathlib import Path
 
 EXTRAS = {
     "aiohttp": "web",
+    "anywidget": "notebook",
     "argcomplete": "completion",
     "cryptography": "https",
     "distributed": "cluster",

@@ -36,11 +36,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _arguments.flag(parser, "--sensor", text)
     text = "the controller is in Python, which runs on the host"
     _arguments.flag(parser, "--python", text)
+    text = "add a notebook for Jupyter: loads, simulates, compares and plots it (extra notebook)"
+    _arguments.flag(parser, "--notebook", text)
 
 
 def run(options: argparse.Namespace) -> int:
     """Makes the files; says how to run them."""
-    files = templates.make(options.folder, options.source, options.sensor, options.python)
+    files = templates.make(
+        options.folder, options.source, options.sensor, options.python, options.notebook
+    )
     print_data("\n".join(map(str, files)))
     readme = options.folder / "README.md"
     Console().say(f"vsense: now: vsense sim {files[0]}    {readme} explains it all")

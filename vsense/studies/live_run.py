@@ -26,6 +26,7 @@ from typing import Any
 from vsense.base import processes
 from vsense.base.errors import UsageError, VsenseError
 from vsense.base.terminal import Console
+from vsense.config.specs import Experiment
 from vsense.monitor.ui import control_client
 from vsense.run.directory import SUMMARY
 from vsense.studies.results import FinishedRun, RunTable
@@ -44,14 +45,20 @@ class LiveRun:
         folder: for what its runs leave.
     """
 
-    def __init__(self, words: tuple[str, ...], folder: Path, progress: bool) -> None:
+    def __init__(
+        self,
+        words: tuple[str, ...],
+        folder: Path,
+        progress: bool,
+        experiment: Experiment | None = None,
+    ) -> None:
         """Starts the command and waits until it has begun; `progress`: what it says is printed.
 
         Raises:
             UsageError: an option is wrong, or something does not go together.
             VsenseError: it cannot begin.
         """
-        self.words, self.folder = words, folder
+        self.words, self.folder, self._experiment = words, folder, experiment
         # A pipe would break when this process is gone, and the command with it.
         self._log, self._printed = tempfile.TemporaryFile(), 0  # noqa: SIM115
         self._console = Console() if progress else None
@@ -142,7 +149,7 @@ class LiveRun:
         runs = sorted(self.folder.glob("run-*"), key=lambda path: int(path.name[4:]))
         for folder in (*reversed(runs), self.folder):
             if (folder / SUMMARY).exists():
-                return FinishedRun(folder)
+                return FinishedRun(folder, self._experiment)
         raise self._failure()
 
     @property

@@ -168,7 +168,7 @@ class LoadedExperiment:
         with _interruptible() as interrupted:
             asked = SimOptions(options, record=record)
             _, folder = single.simulate(asked, _console(progress), interrupted)
-        return FinishedRun(folder)
+        return FinishedRun(folder, self.experiment)
 
     def simulate_many(
         self,
@@ -261,7 +261,8 @@ class LoadedExperiment:
         words = options_as_words({"record": True, **given, **options})
         wanted = None if output is None else Path(output)
         folder = directory.make(wanted, self.experiment.name, seed)
-        return LiveRun((command, own.experiment, *settings, *words), folder, progress)
+        words = (command, own.experiment, *settings, *words)
+        return LiveRun(words, folder, progress, self.experiment)
 
     def __str__(self) -> str:
         """What it holds, as `--dry` prints it."""

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import base64
 import csv
 import html
 import importlib
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -15,9 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.errors import VsenseError, failing_as, require
+from vsense.base.errors import UsageError, VsenseError, failing_as, require
 from vsense.base.files import parse_json, read_text
 from vsense.base.terminal import spoken
+from vsense.config.specs import Experiment
 from vsense.run.directory import LOGGED, MEASURES_CSV, SUMMARY, TIMESTEPS_CSV, TRAJECTORY
 from vsense.run.runs_csv import RunRow, read_runs
 
@@ -30,9 +32,11 @@ class FinishedRun:
 
     Attributes:
         folder: where it is.
+        experiment: of which it is a run; None: it was not said.
     """
 
     folder: Path
+    experiment: Experiment | None = field(default=None, repr=False, compare=False)
 
     @cached_property
     def summary(self) -> dict[str, Any]:
@@ -152,14 +156,32 @@ class FinishedRun:
         """The run in one picture, a PNG file."""
         return Path(self.folder) / f"{self.summary['experiment']}.png"
 
-    def _repr_png_(self) -> bytes:
-        return self.picture.read_bytes()
+    def play(self) -> Any:
+        """The run as it plays in a notebook: a widget.
+
+        Raises:
+            UsageError: anywidget is not installed (extra `notebook`), or the experiment is not
+                known.
+            VsenseError: what is left of the run cannot be read.
+        """
+        require("play() needs", "anywidget")
+        if self.experiment is None:
+            words = "expected a run that simulate(), lab() or run() gave, or"
+            raise UsageError(f"{self.folder}: {words} FinishedRun(folder, experiment)")
+        from vsense.studies._player import make_player
+
+        return make_player(self.poses, self.leds, self.experiment, self.summary["seed"])
 
     def _repr_html_(self) -> str:
         words = {"seed": self.summary["seed"], "robots": self.summary["robots"]}
         words["verdict"] = "valid" if self.valid else f"invalid: {self.summary['why']}"
         words |= {spoken(name): f"{value:g}" for name, value in self.measures.items()}
-        return _table_html(["", self.summary["experiment"]], words.items())
+        table = _table_html(["", self.summary["experiment"]], words.items())
+        if not self.picture.exists():
+            return table
+        # Notebooks show either HTML or a picture: the one holds the other.
+        data = base64.b64encode(self.picture.read_bytes()).decode()
+        return f'{table}<img style="max-width: 100%" src="data:image/png;base64,{data}">'
 
 
 @dataclass(frozen=True)

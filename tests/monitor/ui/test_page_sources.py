@@ -17,6 +17,7 @@ from tests.conftest import lack, require_tool
 ROOT = Path(__file__).parents[3]
 PAGE = ROOT / "vsense" / "monitor" / "ui" / "page"
 ALIGN = ROOT / "vsense" / "tools" / "camera_setup" / "align"
+PLAYER = ROOT / "vsense" / "studies"
 HERE = Path(__file__).parent
 LINTER_RULES = HERE / "page.oxlintrc.json"
 TYPE_RULES = HERE / "page.tsconfig.json"
@@ -60,7 +61,7 @@ def faulty(tmp_path: Path) -> Path:
 
 
 def test_the_linter_finds_nothing() -> None:
-    done = lint(PAGE, ALIGN)
+    done = lint(PAGE, ALIGN, PLAYER)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
@@ -112,7 +113,7 @@ def test_the_types_of_messages_are_those_of_messages_md() -> None:
 def test_lines_are_short_enough_to_read() -> None:
     long = [
         f"{path.name}:{number}"
-        for folder in (PAGE, ALIGN)
+        for folder in (PAGE, ALIGN, PLAYER)
         for path in sorted([*folder.glob("*.js"), *folder.glob("*.ts")])
         for number, line in enumerate(path.read_text().splitlines(), 1)
         if len(line) > LINE_MAX

@@ -164,3 +164,32 @@ def test_an_empty_folder_is_filled_and_a_failure_leaves_none(
     with pytest.raises(UsageError, match="other: No space left"):
         make(tmp_path / "other")
     assert [path.name for path in tmp_path.iterdir()] == ["mine"]
+
+
+@pytest.mark.paced
+def test_the_notebook_runs_from_top_to_bottom(tmp_path: Path) -> None:
+    nbformat, nbclient = pytest.importorskip("nbformat"), pytest.importorskip("nbclient")
+    made = make(tmp_path / "mine", notebook=True)
+    notebook = nbformat.read(next(path for path in made if path.suffix == ".ipynb"), 4)
+    nbformat.validate(notebook)
+    where = {"metadata": {"path": str(tmp_path / "mine")}}
+    nbclient.NotebookClient(notebook, timeout=100, resources=where).execute()
+    shown = [o for cell in notebook.cells for o in cell.get("outputs", ())]
+    data = [output.get("data", {}) for output in shown]
+    assert [
+        o.output_type for o in shown if o.output_type not in ("execute_result", "display_data")
+    ] == []
+    assert sum("image/png" in one for one in data) == 3
+    pages = [str(one["text/html"]) for one in data if "text/html" in one]
+    assert "mine.argos" in pages[0] and "image/png;base64," in pages[1]
+    assert "<th>0.1</th>" in pages[2] and "4.0" in pages[2]
+    assert any("application/vnd.jupyter.widget-view+json" in one for one in data)
+    assert any("(True, {'robots_on_spot" in one.get("text/plain", "") for one in data)
+
+
+def test_only_the_template_has_a_notebook(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="--notebook: there is none about 'foraging'"):
+        make(tmp_path / "mine", "foraging", notebook=True)
+    words = ["new", str(tmp_path / "mine"), "--notebook"]
+    assert cli.main(words) == 0
+    assert "mine.argos" in (tmp_path / "mine" / "mine.ipynb").read_text()

@@ -47,6 +47,8 @@ _PURPOSES = {
     "cluster": "campaigns on several machines (--on)",
     "completion": "completion in a shell",
     "foxglove": "runs and replays in Foxglove (--foxglove)",
+    "lua": "controllers of ARGoS in Lua",
+    "notebook": "runs that play in notebooks",
     "learn": "learning in simulation (vsense.parallel_env)",
     "tables": "runs as data frames (to_pandas)",
 }

@@ -63,7 +63,9 @@ def write(name: str, source: str, texts: Mapping[str, str]) -> str:
 
 
 def _options(root: Element, texts: Mapping[str, str]) -> str:
-    return f"{' --sensor' * _has_sensor(root)}{' --python' * _is_python(texts)}"
+    notebook = any(file.endswith(".ipynb") for file in texts)
+    chosen = {"sensor": _has_sensor(root), "python": _is_python(texts), "notebook": notebook}
+    return "".join(f" --{name}" for name, is_chosen in chosen.items() if is_chosen)
 
 
 def _is_python(texts: Mapping[str, str]) -> bool:

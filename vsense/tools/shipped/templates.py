@@ -24,6 +24,7 @@ TEMPLATE = "start"
 
 _PYTHON = f"{TEMPLATE}_controller.py"
 """Its controller in Python; its loop functions have the shorter name."""
+_NOTEBOOK = f"{TEMPLATE}.ipynb"
 
 _NAME = re.compile(rf"[A-Za-z][A-Za-z0-9_-]{{0,{MAX_NAME_BYTES - 1}}}")
 
@@ -51,15 +52,21 @@ class _Template:
         argos: text of the experiment file.
         folder: where it is, and its loop functions.
         controllers: paths of the controllers by the library that the file names.
+        notebook: None: there is none, or nobody wants it.
     """
 
     argos: str
     folder: Path
     controllers: Mapping[str, Path]
+    notebook: Path | None
 
 
 def make(
-    folder: Path, source: str = TEMPLATE, sensor: bool = False, python: bool = False
+    folder: Path,
+    source: str = TEMPLATE,
+    sensor: bool = False,
+    python: bool = False,
+    notebook: bool = False,
 ) -> tuple[Path, ...]:
     """Makes a folder with an experiment's files and a README that explains them line by line.
 
@@ -68,13 +75,14 @@ def make(
         source: what is copied, one of `templates()`.
         sensor: a virtual sensor of one's own is added, which the controllers read and show.
         python: the controller is in Python; only `TEMPLATE` has one.
+        notebook: the first hour as a notebook for Jupyter; only of `TEMPLATE`.
 
     Returns:
         The files, the one to run first.
 
     Raises:
         UsageError: the name cannot be an experiment's, there is no such template, it has no
-            controller in Python, or the folder holds something or cannot be written.
+            controller in Python or no notebook, or the folder holds something or cannot be written.
         BuildError: vsense's own files are incomplete.
     """
     name = _checked(folder)
@@ -84,7 +92,9 @@ def make(
         )
     if python and source != TEMPLATE:
         raise UsageError(f"--python: the controllers of {source!r} are in C; leave out --from")
-    texts = _renamed(_read(source, python), source, name)
+    if notebook and source != TEMPLATE:
+        raise UsageError(f"--notebook: there is none about {source!r}; leave out --from")
+    texts = _renamed(_read(source, python, notebook), source, name)
     if sensor:
         texts = _with_sensor(texts, name)
     texts["README.md"] = _guide.write(name, source, texts)
@@ -109,7 +119,7 @@ def _checked(folder: Path) -> str:
     return name
 
 
-def _read(source: str, python: bool) -> _Template:
+def _read(source: str, python: bool, notebook: bool) -> _Template:
     folder = SHIPPED_FOLDER
     folder = folder / TEMPLATE if source == TEMPLATE else folder
     argos = (folder / f"{source}{ARGOS_SUFFIX}").read_text(encoding="utf-8")
@@ -119,7 +129,8 @@ def _read(source: str, python: bool) -> _Template:
         controllers[_PYTHON] = folder / _PYTHON
         argos = argos.replace(f'library="{own}"', f'library="{_PYTHON}"')
     named = re.findall(r'<\w+_controller [^>]*?library="([^"]+)"', argos)
-    return _Template(argos, folder, {library: controllers[library] for library in named})
+    own_files = {library: controllers[library] for library in named}
+    return _Template(argos, folder, own_files, folder / _NOTEBOOK if notebook else None)
 
 
 def _renamed(template: _Template, source: str, name: str) -> dict[str, str]:
@@ -141,6 +152,9 @@ def _renamed(template: _Template, source: str, name: str) -> dict[str, str]:
     for python in re.findall(r'<loop_functions library="([^"]+)"', argos):
         files[python] = f"{name}.py"
         texts[f"{name}.py"] = (template.folder / python).read_text(encoding="utf-8")
+    if template.notebook is not None:
+        text = template.notebook.read_text(encoding="utf-8")
+        texts[f"{name}{template.notebook.suffix}"] = text.replace(f"# {source}:", f"# {name}:")
     texts = {f"{name}{ARGOS_SUFFIX}": argos, **texts}
     return {file: _reworded(text, files, source, name) for file, text in texts.items()}
 
