@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vsense.robots.python_swarm import Floats, Rows, Swarm
+from vsense.robots.python_swarm import RGB, Floats, Rows, Swarm
 
 RAW_MAX = 4096.0
 _OWN_RAW = (120.0, 158.0, 235.0, 384.0, 601.0, 1466.0, 2133.0, 4095.0)
@@ -218,7 +218,8 @@ class LuaActuators:
         self._swarm = swarm
         kinds = [ACTUATORS[name] for name in sorted(declared) if name in ACTUATORS]
         served = {_VIRTUAL.get(kind.name, kind.name) for kind in kinds}
-        kinds += [ActuatorKind("set", n, k) for n, k in swarm.actuates.items() if n not in served]
+        others = {n: k for n, k in swarm.actuates.items() if n not in {*served, RGB, "message"}}
+        kinds += [ActuatorKind("set", name, number) for name, number in others.items()]
         self._kinds = [kind._replace(number=kind.number or said_bytes) for kind in kinds]
         bound = {*swarm.actuates, *(served & {"message"})}
         self._ways = {name: swarm.actuator(name) for name in bound}
@@ -232,13 +233,18 @@ class LuaActuators:
             size = _SIZES.get(how, _plain)(number)
             part, at = numbers[:, at : at + size], at + size
             if how == "wheels":
-                self._swarm.set_all_wheels(_steps_s(part), where)
+                left, right = _steps_s(part).T
+                self._swarm.set_wheels(left, right, where)
                 continue
             if how == "switches" or name == "leds":
                 shines = True
                 lit |= _ring_bits(part if how == "switches" else _is_lit(part))
             if how == "switches":
                 part = 255.0 * part
+            if name == "overo_leds":
+                for led in range(number):
+                    red, green, blue = part[:, 3 * led : 3 * led + 3].T
+                    self._swarm.set_rgb(led, red, green, blue, where)
             if (way := self._ways.get(_VIRTUAL.get(name, name))) is not None:
                 way.set_all(part, where)
         if shines:

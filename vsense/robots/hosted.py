@@ -28,6 +28,11 @@ from vsense.robots.python_swarm import HostedRobots, Swarm
 _HOST = "stand_still"
 """The controller in C that leaves alone what its host sets."""
 
+OWN_ENTRIES = 200
+"""From this id on a table's entries are the robots' own devices, for who drives real ones."""
+MESSAGE = "message"
+"""Of these, what a robot's board says to others: the length and the bytes."""
+
 STEP_MAX_S = 3.0
 """What controllers may take for a control step; real robots stand meanwhile, without commands."""
 
@@ -157,5 +162,8 @@ class HostedProgram(CompiledProgram):
 
 def _counts(table: Table, direction: Direction) -> dict[str, int]:
     """How many numbers the entries have, by name."""
-    layouts = {e.name: e.layout for e in table.entries if e.direction == direction}
+    rows = [e for e in table.entries if e.direction == direction]
+    layouts = {
+        e.name: e.layout for e in rows if e.id < OWN_ENTRIES or direction == Direction.ACTUATOR
+    }
     return {n: int(layout.rpartition("*")[0] or 1) for n, layout in layouts.items()}

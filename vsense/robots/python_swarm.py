@@ -50,11 +50,12 @@ MAX_TEXT_BYTES = 4096
 """Of all parameters together. Source: robot/controller.h."""
 
 OWN_COUNTS = {
-    "proximity": 8, "light": 8, "battery_low": 1, "ground": 3, "wheels": 2, "range_and_bearing": 30,
-    "accelerometer": 3, "microphones": 3, "battery": 1, "gyroscope": 3, "distance": 1,
+    "proximity": 8, "light": 8, "battery_low": 1, "ground": 3, "wheels": 2, "range_and_bearing": 31,
+    "accelerometer": 3, "microphones": 4, "battery": 1, "gyroscope": 3, "distance": 1,
 }  # fmt: skip
-"""How many numbers the robots' own sensors have. Source: robot/base_sensors.c."""
+"""How many numbers the robots' own sensors have at most. Source: robot/base_sensors.c."""
 
+RGB = "+rgb"  # the actuator of robots that are driven from here: three levels for each of four LEDs
 _NEVER_NS = 2**64 - 1
 _MOST_STEPS_S = 32767.0
 
@@ -308,11 +309,6 @@ class Swarm:
             self._wheels[rows, side] = steps_s
         self._are_set(rows)
 
-    def set_all_wheels(self, steps_s: Floats, rows: Rows) -> None:
-        """The same, (n, 2) within what fits 16 bits, of the robots whose `rows` are true."""
-        self._wheels[rows] = steps_s[rows]
-        self._are_set(rows)
-
     def set_wheels_of(self, robot: int, left_steps_s: float, right_steps_s: float) -> None:
         """The same of one robot, by its place."""
         for side, given in enumerate((left_steps_s, right_steps_s)):
@@ -333,6 +329,15 @@ class Swarm:
     def set_leds_of(self, robot: int, leds: int) -> None:
         """The same of one robot, by its place."""
         self._leds[robot], self._leds_set[robot] = leds, True
+
+    def set_rgb(
+        self, led: int, red: ArrayLike, green: ArrayLike, blue: ArrayLike, where: ArrayLike = True
+    ) -> None:
+        """Colour of LED 0 to 3, 0 to 255 each, see `vs_robot_set_rgb`; nothing in a simulation."""
+        if RGB not in self.actuates:
+            return
+        for channel, levels in enumerate((red, green, blue)):
+            self.actuator(RGB).set(levels, 3 * led + channel, where)
 
     def random_of(self, robot: int) -> float:
         """The next random number of one robot, by its place."""
@@ -355,9 +360,8 @@ class Swarm:
         IndexError: there is none.
         """
         if not 0 <= robot < len(self):
-            raise IndexError(
-                f"robot {robot}: expected its place in swarm.tags, 0 to {len(self) - 1}"
-            )
+            expected = f"expected its place in swarm.tags, 0 to {len(self) - 1}"
+            raise IndexError(f"robot {robot}: {expected}")
         self.runtime.call("log", robot, line)
 
     def rows(self, where: ArrayLike) -> Rows:
