@@ -207,3 +207,25 @@ def test_a_wrong_script_is_told_with_the_line_of_the_experiment(
     with pytest.raises(VsenseError, match=re.escape(words)) as caught:
         load(path)
     assert str(caught.value).startswith("mine.argos:3: ")
+
+
+@pytest.mark.paced
+@pytest.mark.system
+def test_real_daemons_do_what_the_script_says_also_in_anothers_role(folder: Path) -> None:
+    lines = MINE.splitlines()
+    lines.insert(4, '   if n == 15 and robot.id == "e1" then nothing.value = 1 end')
+    path = mine("\n".join(lines))
+    tags = {robot.id: robot.tag for robot in load(path).robots}
+    rows = [f'[[robot]]\ntag = {tag}\nhost = "root@{tag}"' for tag in tags.values()]
+    Path("swarm.toml").write_text("\n".join([*rows, rows[0].replace(str(tags["e0"]), "99")]))
+    words = ["--roster", "swarm.toml", "--replace", f"{tags['e0']}=99", "--duration", "4"]
+    assert cli.main(["lab", "mine.argos", "--port", "0", *words, "--output", "out"]) == 1
+    summary = json.loads(Path("out/summary.json").read_text())
+    why = "mine.lua:5: attempt to index a nil value (global 'nothing')"
+    assert f"robot {tags['e1']}'s controller ({why})" in summary["why"]
+    for tag in (99, tags["e1"], tags["e2"], tags["e3"]):
+        trace = [line.split() for line in Path(f"out/robots/{tag}.trace").read_text().splitlines()]
+        steps = [row for row in trace if row[0] == "step"]
+        wheels = [(int(r[r.index("left") + 1]), int(r[r.index("right") + 1])) for r in steps]
+        assert (388, 311) in wheels[:15], "5 and 4 cm/s"
+        assert wheels[-1] == ((0, 0) if tag == tags["e1"] else (388, 311))
