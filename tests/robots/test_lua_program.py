@@ -18,6 +18,7 @@ from vsense import cli
 from vsense.base.errors import VsenseError
 from vsense.config.experiment import load
 from vsense.config.specs import Stage
+from vsense.modes.sim.fingerprint import named_files
 from vsense.robots.link.wire import Wanted
 from vsense.run.environment import Environment
 from vsense.run.programs import Programs, shared_objects
@@ -189,6 +190,7 @@ def test_scripts_find_what_lies_beside_them_their_parameters_and_their_random_nu
         assert cli.main(["sim", "mine.argos", "--duration", "1", "--output", output]) == 0
     once, again = (Path(f"{o}/events.csv").read_text() for o in ("once", "again"))
     assert once == again and once.count("from beside 10 1") == 4
+    assert {file.name for file in named_files(Path("mine.argos"))} >= {"mine.lua", "beside.lua"}
     drawn = re.findall(r"e\d (3\.\d+) 5", once)
     assert len(set(drawn)) == 4
 
