@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from vsense.modes.sim.job import Setup, Sweep
     from vsense.modes.sim.stepping import SteppedSimulation
     from vsense.monitor.recording.reader import open_recording
+    from vsense.robots.policy import save_policy
     from vsense.robots.python_robot import Robot
     from vsense.robots.python_swarm import Leds, Swarm
     from vsense.studies.live_run import LiveRun
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
     from vsense.studies.results import FinishedRun, RunTable
     from vsense.studies.series.campaign import Campaign
     from vsense.studies.series.campaign import run as run_campaign
+    from vsense.studies.series.compare import compare
+    from vsense.studies.series.optimize import optimize
     from vsense.tools.camera_setup.photographs import detect
     from vsense.vision.cameras.camera import Camera
     from vsense.world.actuators.base import VirtualActuator
@@ -66,13 +69,16 @@ PLACES = {
     "World": "vsense.world.world",
     "Zone": "vsense.world.entities",
     "detect": "vsense.tools.camera_setup.photographs",
+    "compare": "vsense.studies.series.compare",
     "interruption": "vsense.base.terminal",
     "load": "vsense.studies.notebook:load_experiment",
     "make_report": "vsense.studies.report.report",
     "open_recording": "vsense.monitor.recording.reader",
+    "optimize": "vsense.studies.series.optimize",
     "parallel_env": "vsense.studies.notebook",
     "read_truth": "vsense.modes.lab.truth",
     "run_campaign": "vsense.studies.series.campaign:run",
+    "save_policy": "vsense.robots.policy",
 }
 """The module of each public name, and its name there where that is another one."""
 
@@ -105,14 +111,17 @@ __all__ = [
     "VsenseError",
     "World",
     "Zone",
+    "compare",
     "detect",
     "interruption",
     "load",
     "make_report",
     "open_recording",
+    "optimize",
     "parallel_env",
     "read_truth",
     "run_campaign",
+    "save_policy",
 ]
 
 

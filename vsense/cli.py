@@ -35,7 +35,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for number in (signal.SIGTERM, signal.SIGHUP):
             if signal.getsignal(number) == signal.SIG_DFL:  # `nohup` has SIGHUP ignored
                 signal.signal(number, leave)
-        if sys.argv[1:2] == ["sim"]:
+        if sys.argv[1:2] in (["sim"], ["compare"], ["optimize"]):
             ForkedProcess.allow()
     try:
         code = _run(list(sys.argv[1:] if arguments is None else arguments))
@@ -47,9 +47,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with suppress(OSError):
             print(f"vsense: {printable_lines(str(error))}", file=sys.stderr)
         return error.exit_code
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as error:  # which may say the signal, as `Interruption.code` does
         print("vsense: interrupted", file=sys.stderr)
-        return 130
+        return error.args[0] if error.args else 130
     except ImportError:
         if not codes:
             raise

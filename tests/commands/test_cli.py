@@ -255,7 +255,7 @@ def test_help_may_be_a_word(
         ("calibration", "is 'camera calibrate' meant?"),
         ("paus", "is 'control pause' or "),
         ("camra", "is 'camera' or 'camera arena' meant?"),
-        ("xyz", "there are: benchmark, camera, completion, control, "),
+        ("xyz", "there are: benchmark, camera, compare, completion, control, "),
     ],
 )
 def test_an_unknown_command_tells_what_may_be_meant(

@@ -52,10 +52,12 @@ NEEDS = {
         *(
             "sim foraging --runs 2 --on tcp://127.0.0.1:9",
             "series plan.toml --on tcp://127.0.0.1:9",
+            "compare foraging foraging --maximize items_home --on tcp://127.0.0.1:9",
         ),
     ),
     "argcomplete": ("completion bash",),
     "lupa": ("sim lua.argos", "lab lua.argos --port 0", "run lua.argos --tracker lines --port 0"),
+    "optuna": ("optimize foraging --vary foraging.release=0..1 --maximize items_home",),
     "ziglang": (
         *(
             "robot build --controller foraging --target epuck",

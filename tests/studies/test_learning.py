@@ -59,6 +59,45 @@ def test_a_run_that_is_left_ends_and_one_that_fails_says_why() -> None:
         sim.swarm.set_wheels([1, 2], 3)
 
 
+CIRCLES = """
+class SwarmController:
+    def __init__(self, swarm):
+        self.prey = swarm.sensor("led")
+
+    def step(self, swarm):
+        swarm.set_wheels(300, 200 + self.prey.values.any(axis=1))
+"""
+
+
+def test_one_of_several_controllers_is_stepped_and_the_others_run_as_they_are(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert cli.main(["new", "hunt", "--from", "predator_prey"]) == 0
+    path = tmp_path / "hunt" / "hunt.argos"
+    text = path.read_text()
+    assert 'library="predator.c"' in text
+    path.write_text(text.replace('library="predator.c"', 'library="circles.py"'))
+    (path.parent / "circles.py").write_text(CIRCLES)
+    assert cli.main(["sim", str(path), "--duration", "10", "--lenient", "-o", "out"]) == 0
+    with np.load("out/trajectory.npz") as run:
+        poses, tags = run["poses"], run["tags"].tolist()
+    experiment = vsense.load("predator_prey", duration_s=10).experiment
+    with SteppedSimulation(experiment, 1, controller="predator") as sim:
+        rows = [tags.index(tag) for tag in sim.swarm.tags]
+        assert len(rows) == 4 and np.ptp(poses[:, :, 0], axis=0).min() > 0.01
+        names: dict[str, Any] = {}
+        exec(CIRCLES, names)
+        predators = names["SwarmController"](sim.swarm)
+        while not sim.done:
+            assert np.array_equal(sim.poses, poses[sim.timestep, rows])
+            predators.step(sim.swarm)
+            sim.step()
+    env = parallel_env("predator_prey", duration_s=2, controller="prey")
+    env.reset(seed=1)
+    assert len(env.agents) == 10 and env.state().shape == (30,)
+
+
 def make(**how: Any) -> Any:
     return parallel_env("foraging", **{"robots": 4, "duration_s": 5, **how})
 
@@ -122,7 +161,8 @@ def test_pettingzoo_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) ->
     [
         ("foraging", {"reward": "item_home"}, "is 'items_home' meant"),
         ("pollutant", {}, r"measures nothing; give reward="),
-        ("predator_prey", {}, "one controller to be stepped, not predator, prey"),
+        ("predator_prey", {}, "it has several; is|it has several; there are: predator, prey"),
+        ("predator_prey", {"controller": "pray"}, "there is no 'pray'; is 'prey' meant"),
         ("foraging", {"actuators": {"pheromone": (0, 1)}}, "is 'pheromone_release' meant"),
         ("foraging", {"render_mode": "ansi"}, "expected human or rgb_array"),
     ],

@@ -106,6 +106,14 @@ def test_modules_beside_it_are_found_and_read_anew_for_every_run(tmp_path: Path)
     assert set(sys.modules) - modules <= {NAME}
 
 
+def test_packages_of_the_same_name_in_two_folders_are_two(tmp_path: Path) -> None:
+    for folder in ("old", "new"):
+        (tmp_path / folder / "parts").mkdir(parents=True)
+        (tmp_path / folder / "parts" / "wheels.py").write_text(f"FOLDER = {folder!r}\n")
+        _, module = load(tmp_path / folder, "from parts.wheels import FOLDER\n")
+        assert folder == module.FOLDER
+
+
 def test_dataclasses_find_their_module(tmp_path: Path) -> None:
     text = "from __future__ import annotations\nfrom dataclasses import dataclass\n"
     _, module = load(tmp_path, text + "@dataclass\nclass A:\n    x: int = 3\n")

@@ -20,6 +20,7 @@ EXTRAS = {
     "lupa": "lua",
     "matplotlib": "report",
     "mcap": "record",
+    "optuna": "optimize",
     "pandas": "tables",
     "pettingzoo": "learn",
     "pyarrow": "tables",

@@ -57,8 +57,10 @@ class UsersCode:
         with self.watch():
             exec(compile(source, self.file, "exec", dont_inherit=True), module.__dict__)
         for other in set(sys.modules) - before - {name}:
-            file = getattr(sys.modules[other], "__file__", None)
-            if file is not None and str(Path(file).parent) == self._folder:
+            # Of a package of the same name in another folder nothing shall be found here.
+            module_path = Path(self._folder, *other.split("."))
+            file = getattr(sys.modules[other], "__file__", None) or ""
+            if file in (f"{module_path}.py", str(module_path / "__init__.py")):
                 del sys.modules[other]
         return module
 

@@ -26,6 +26,8 @@ COMMANDS = {
     "lab": ("lab", "run an experiment on this machine: rendered cameras, emulated robots"),
     "run": ("run", "run an experiment with real robots and cameras, or with another tracker"),
     "series": ("series", "make many runs by a plan, without hands: sim, lab or real robots"),
+    "compare": ("compare", "test a new controller against an old one, for a pull request"),
+    "optimize": ("optimize", "search for the settings that are best by an experiment's measures"),
     "benchmark": ("benchmark", "qualify a lab by three fixed missions; check and compare results"),
     "control status": ("orders", "show how a running experiment and its robots are"),
     "control start": (
@@ -83,7 +85,7 @@ All commands: vsense --help; those of one: vsense sim --help
 
 GROUPS = {
     "first": ("new", "sim", "lab", "run", "replay", "report"),
-    "studies of many runs": ("series", "benchmark"),
+    "studies of many runs": ("series", "optimize", "compare", "benchmark"),
     "while it runs, from another terminal": tuple(n for n in COMMANDS if n[:8] == "control "),
     "what a run leaves": ("export", "pack", "reproduce"),
     "cameras and markers": tuple(name for name in COMMANDS if name[:7] == "camera "),
@@ -105,10 +107,10 @@ FEW = 14
 _COMMON = (
     "--about --author --base --binary --blind --board --check --controller --dry --duration"
     " --example --experiment --exposure --floor --frames --gain --lab --license"
-    " --link-check --mode"
+    " --link-check --margin --maximize --minimize --mode"
     " --name --offline --output --pictures --quick --rate --record --resources --robots --rollback"
     " --roster --runs --seed --sensors --set --site --snapshot --speed --sweep --tags --target"
-    " --thickness --tracker --tracker-port --tracking --wait --web --wiggle"
+    " --thickness --tracker --tracker-port --tracking --trials --vary --wait --web --wiggle"
 )
 COMMON = frozenset(_COMMON.split())
 """Where a command has more than a few options, `--help` shows those of this set, and `--help all`

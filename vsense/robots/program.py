@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from vsense.base.errors import UsageError
 from vsense.base.readings import SensorReadings
 from vsense.robots import build
-from vsense.robots.compiling import CXX_SUFFIXES, LUA, PYTHON
+from vsense.robots.compiling import CXX_SUFFIXES, LUA, POLICY, PYTHON
 from vsense.robots.inprocess import CompiledProgram, ProgramKernel
 from vsense.robots.link.table import Table
 from vsense.robots.link.wire import ShownData, Wanted
@@ -145,7 +145,7 @@ _HOSTED = {
     PYTHON: ProgramKind(_build_python, _open_python),
     LUA: ProgramKind(_build_lua, _open_lua),
 }
-KINDS_BY_SUFFIX = dict.fromkeys((".c", *CXX_SUFFIXES), _COMPILED) | _HOSTED
+KINDS_BY_SUFFIX = dict.fromkeys((".c", *CXX_SUFFIXES, POLICY), _COMPILED) | _HOSTED
 """Kinds by the suffix of a controller's first source."""
 
 

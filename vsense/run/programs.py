@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -72,7 +73,7 @@ def _told_program(controller: ControllerSpec) -> ToldProgram:
     program = build.on_robots(controller.program)
     texts = (path.read_text(errors="replace") for path in program.sources if path.is_file())
     names = [match[1] for match in map(_NAME.search, texts) if match]
-    if program.is_argos:
+    if program.is_argos or program.is_policy:
         names = [program.short_name]
     digest = ""
     with suppress(BuildError):
@@ -101,6 +102,9 @@ def failed_words(failures: Mapping[int, str], kind: str = "") -> list[str]:
     return [f"{kind}robot {tag}'s controller ({why})" for tag, why in failures.items()]
 
 
+NO_OPENERS: Mapping[str, ProgramOpener] = MappingProxyType({})
+
+
 class Programs:
     """Robots of an experiment, each with the program of its own controller; see `Program`.
 
@@ -116,7 +120,7 @@ class Programs:
         tables: Mapping[str, Table],
         seed: int,
         progress: Any = None,
-        opener: ProgramOpener | None = None,
+        openers: Mapping[str, ProgramOpener] = NO_OPENERS,
     ) -> None:
         """Loads the programs and greets every robot.
 
@@ -124,7 +128,7 @@ class Programs:
             controllers: the id of its controller by the tag of each robot, at least one.
             libraries, tables: shared objects and sensor tables, by the controller's id.
             progress: `RUN_PROGRESS_BYTES` of writable memory, None: not wanted.
-            opener: of what controls robots in place of their programs; None: nothing does.
+            openers: of what controls robots in place of their programs, by the controller's id.
 
         Raises:
             SimError: a shared object cannot be loaded, or its controller cannot be run.
@@ -144,7 +148,8 @@ class Programs:
                 self._present[0] = number
                 tags = [tag for tag, name in controllers.items() if name == spec.id]
                 params = {tag: spec.params_for(names[tag]) for tag in tags}
-                open_program, step_ns = opener or kind_of(spec.program).open, experiment.timestep_ns
+                open_program = openers.get(spec.id) or kind_of(spec.program).open
+                step_ns = experiment.timestep_ns
                 given = libraries[spec.id], tags, tables[spec.id], step_ns, seed, params
                 with loading(note, number):
                     self._parts.append((number, rows, open_program(*given, own)))

@@ -15,23 +15,22 @@ from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
 from vsense.base.errors import UsageError, instead, require
-from vsense.config.specs import Experiment
-from vsense.modes.sim.stepping import Reward, SteppedSimulation, check_steppable
+from vsense.config import policies
+from vsense.config.specs import ControllerSpec, Experiment
+from vsense.modes.sim.stepping import Reward, SteppedSimulation, stepped_controller
 from vsense.robots.python_swarm import Leds, SwarmActuator, SwarmReading
 from vsense.run.environment import MOST_SEED
-from vsense.world.sensors.base import scale_of
 
 _MOST_STEPS_S = 1000.0
 """What every robot's motors can do. Source: robot/controller.h."""
 _RENDER_MODES = ("human", "rgb_array")
-_RING, _RING_RAW = "proximity", 4096.0
 
 Observations = dict[str, NDArray[np.float32]]
 Infos = dict[str, dict[str, Any]]
 
 
 class SwarmEnvironment(ParallelEnv[str, NDArray[np.float32], NDArray[np.float32]]):
-    """Robots of one controller, which is left out; see `vsense.parallel_env`.
+    """The robots of one controller, which is left out; see `vsense.parallel_env`.
 
     Attributes:
         simulation: the present run; None before the first `reset`.
@@ -47,13 +46,14 @@ class SwarmEnvironment(ParallelEnv[str, NDArray[np.float32], NDArray[np.float32]
         actuators: Mapping[str, tuple[float, float]],
         leds: bool,
         render_mode: str | None,
+        controller: str,
     ) -> None:
         """See `vsense.parallel_env`."""
         if render_mode not in (None, *_RENDER_MODES):
             raise UsageError(f"render_mode {render_mode!r}: expected {' or '.join(_RENDER_MODES)}")
         if render_mode == "human":
             require("render_mode 'human' needs", "matplotlib")
-        check_steppable(experiment)
+        spec = stepped_controller(experiment, controller)
         self.metadata = {
             "name": f"vsense_{experiment.name}_v0",
             "render_modes": [*_RENDER_MODES],
@@ -62,14 +62,18 @@ class SwarmEnvironment(ParallelEnv[str, NDArray[np.float32], NDArray[np.float32]
         }
         self.render_mode, self.simulation = render_mode, None
         self.agents: list[str] = []
-        self.possible_agents = [f"robot_{robot.tag}" for robot in experiment.robots]
+        robots = [robot.tag for robot in experiment.robots if robot.controller == spec.id]
+        self.possible_agents = [f"robot_{tag}" for tag in robots]
         self._experiment, self._reward, self._seed = experiment, reward, 0
-        self._actuators, self._leds = actuators, leds
-        _check_actuators(actuators, experiment)
-        self._names, low, high = _observed(experiment)
+        self._actuators, self._leds, self._controller = actuators, leds, spec.id
+        _check_actuators(actuators, spec)
+        bounds = policies.observed(spec)
+        self._names = [*bounds]
+        low, high = (np.concatenate(edges) for edges in zip(*bounds.values()))
+        low, high = np.minimum(low, 0.0), np.maximum(high, 0.0)
         wide = 2 + len(actuators) + leds
         actions = Box(-1.0, 1.0, (wide,), np.float32)
-        observations = Box(low, high, dtype=np.float32)
+        observations = Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
         self.observation_spaces = dict.fromkeys(self.possible_agents, observations)
         self.action_spaces = dict.fromkeys(self.possible_agents, actions)
 
@@ -88,7 +92,9 @@ class SwarmEnvironment(ParallelEnv[str, NDArray[np.float32], NDArray[np.float32]
         self.close()
         self._seed = self._seed % MOST_SEED + 1 if seed is None else seed or MOST_SEED
         draws = self.render_mode is not None
-        sim = self.simulation = SteppedSimulation(self._experiment, self._seed, draws=draws)
+        sim = self.simulation = SteppedSimulation(
+            self._experiment, self._seed, draws=draws, controller=self._controller
+        )
         self._sensors: list[SwarmReading] = [sim.swarm.sensor(name) for name in self._names]
         self._given: list[SwarmActuator] = [sim.swarm.actuator(name) for name in self._actuators]
         self.agents = self.possible_agents[:]
@@ -192,25 +198,8 @@ class SwarmEnvironment(ParallelEnv[str, NDArray[np.float32], NDArray[np.float32]
         return rewards
 
 
-def _check_actuators(names: Iterable[str], experiment: Experiment) -> None:
-    there = [mounted.actuator.name for mounted in experiment.controllers[0].actuators]
+def _check_actuators(names: Iterable[str], spec: ControllerSpec) -> None:
+    there = [mounted.actuator.name for mounted in spec.actuators]
     for name in names:
         if name not in there:
             raise UsageError(f"there is no virtual actuator {name!r}; {instead(name, there)}")
-
-
-def _observed(experiment: Experiment) -> tuple[list[str], NDArray[Any], NDArray[Any]]:
-    """The sensors' names, and the bounds of all their numbers."""
-    controller = experiment.controllers[0]
-    names, bounds = [], []
-    for mounted in controller.sensors:
-        sensor = mounted.sensor
-        count = int(sensor.layout.rpartition("*")[0] or 1)
-        scale = scale_of(sensor)
-        names.append(sensor.name.removeprefix("+"))
-        bounds.append([np.broadcast_to(edge, count) for edge in (scale.low, scale.high)])
-    if _RING not in names and any(device.element.endswith(_RING) for device in controller.devices):
-        names.append(_RING)
-        bounds.append([np.zeros(8), np.full(8, _RING_RAW)])
-    low, high = (np.concatenate(edges) for edges in zip(*bounds))
-    return names, np.minimum(low, 0.0).astype(np.float32), np.maximum(high, 0.0).astype(np.float32)

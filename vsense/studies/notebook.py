@@ -80,13 +80,15 @@ def parallel_env(
     actuators: Mapping[str, tuple[float, float]] | None = None,
     leds: bool = False,
     render_mode: str | None = None,
+    controller: str = "",
 ) -> SwarmEnvironment:
     """Makes an environment; see `vsense.load` for the first four.
 
-    Observations are float32, sensor after sensor in the order of the file, then the robot's own
-    ring where the file has `<epuck_proximity>`: the numbers that a controller reads, 0 where they
-    are not known yet. Actions are in -1..1: left and right wheel, 1 is 1000 steps/s (12.9 cm/s);
-    then one for each of `actuators`; then one for the LEDs, which are on where it is above 0.
+    Observations are float32, sensor after sensor in the order of the file, then "proximity", the
+    robot's own or a virtual one, where the file has it: the numbers that a controller reads, 0
+    where they are not known yet. Actions are in -1..1: left and right wheel, 1 is 1000 steps/s
+    (12.9 cm/s); then one for each of `actuators`; then one for the LEDs, which are on where it is
+    above 0. A learnt policy (`.onnx`) observes and acts the same way.
 
     Args:
         reward: name of a measure of the experiment, whose increase in a step every robot is given;
@@ -94,17 +96,19 @@ def parallel_env(
         actuators: virtual actuators by name, and what -1 and 1 stand for of their first number.
         leds: robots have red LEDs to switch.
         render_mode: "rgb_array", "human" (a window, extra `report`), or None.
+        controller: whose robots the agents are, by its id, where the experiment has several; the
+            others do what their own controllers say.
 
     Raises:
         UsageError: PettingZoo is not installed (extra `learn`); the experiment has several
-            controllers; there is no such measure or actuator.
+            controllers, and none was named; there is no such controller, measure or actuator.
         VsenseError: as `vsense.load`.
     """
     require("parallel_env() needs", "pettingzoo")
     from vsense.studies._parallel import SwarmEnvironment
 
     loaded = load_experiment(experiment, settings, robots, duration_s).experiment
-    return SwarmEnvironment(loaded, reward, dict(actuators or {}), leds, render_mode)
+    return SwarmEnvironment(loaded, reward, dict(actuators or {}), leds, render_mode, controller)
 
 
 @dataclass(frozen=True)
@@ -129,8 +133,8 @@ class LoadedExperiment:
         duration_s: float | None = None,
     ) -> LoadedExperiment:
         """The same with other settings, which are added to those it has; raises as `load`."""
-        _check("robots", robots, int, 1)
-        _check("duration_s", duration_s, float, 0.0)
+        checked("robots", robots, int, 1)
+        checked("duration_s", duration_s, float, 0.0)
         added = {key: str(value) for key, value in dict(settings or {}).items()}
         changed = LoadedExperiment(
             replace(
@@ -162,12 +166,12 @@ class LoadedExperiment:
             KeyboardInterrupt: Ctrl-C; what there is of the run is in its folder.
             VsenseError: it cannot be simulated, or has failed.
         """
-        _check("seed", seed, int, 0, MOST_SEED)
+        checked("seed", seed, int, 0, MOST_SEED)
         folder = None if output is None else Path(output)
         options = replace(self.options, seed=seed, output=folder)
-        with _interruptible() as interrupted:
+        with interruptible() as interrupted:
             asked = SimOptions(options, record=record)
-            _, folder = single.simulate(asked, _console(progress), interrupted)
+            _, folder = single.simulate(asked, console_of(progress), interrupted)
         return FinishedRun(folder, self.experiment)
 
     def simulate_many(
@@ -193,9 +197,9 @@ class LoadedExperiment:
         from vsense.studies.series import campaign
 
         fixed = {key: (value,) for key, value in self.options.settings.items()}
-        varied = {k: tuple(map(str, _several(k, given))) for k, given in (settings or {}).items()}
-        wanted = [_check("seeds", seed, int, 1, MOST_SEED) for seed in _several("seeds", seeds)]
-        _check("jobs", jobs, int, 1)
+        varied = {k: tuple(map(str, listed(k, given))) for k, given in (settings or {}).items()}
+        wanted = [checked("seeds", seed, int, 1, MOST_SEED) for seed in listed("seeds", seeds)]
+        checked("jobs", jobs, int, 1)
         path = Path(os.path.abspath(output)).with_suffix(".csv")
         table = campaign.Campaign(
             Sweep({**fixed, **varied}, tuple(wanted)),
@@ -204,8 +208,8 @@ class LoadedExperiment:
             path.with_suffix(f".{FORMATS[0]}"),
             jobs=jobs,
         )
-        with _interruptible() as interrupted:
-            campaign.run(table, _console(progress), interrupted)
+        with interruptible() as interrupted:
+            campaign.run(table, console_of(progress), interrupted)
         return RunTable(path)
 
     def lab(
@@ -254,7 +258,7 @@ class LoadedExperiment:
     ) -> LiveRun:
         from vsense.studies.live_run import LiveRun, options_as_words
 
-        _check("seed", seed, int, 0, MOST_SEED)
+        checked("seed", seed, int, 0, MOST_SEED)
         own = self.options
         settings = [word for item in own.settings.items() for word in ("--set", "=".join(item))]
         given = {"robots": own.robots, "duration": own.duration, "blind": own.blind, "seed": seed}
@@ -272,7 +276,7 @@ class LoadedExperiment:
         return f"<pre>{html.escape(str(self))}</pre>"
 
 
-def _check(name: str, value: Any, kind: type[Any], least: float, most: float = math.inf) -> Any:
+def checked(name: str, value: Any, kind: type[Any], least: float, most: float = math.inf) -> Any:
     """The value as a plain number; UsageError: it is none, or beyond its bounds. None stays."""
     if value is None:
         return None
@@ -287,23 +291,24 @@ def _check(name: str, value: Any, kind: type[Any], least: float, most: float = m
     return number
 
 
-def _several(name: str, values: Any) -> list[Any]:
+def listed(name: str, values: Any) -> list[Any]:
     """What a list holds, each once; UsageError: it is no list, is empty, or has something twice."""
     try:
-        listed = [] if isinstance(values, (str, bytes)) else list(values)
+        items = [] if isinstance(values, (str, bytes)) else list(values)
     except TypeError:
-        listed = []
-    if not listed or None in listed or len(set(map(str, listed))) < len(listed):
+        items = []
+    if not items or None in items or len(set(map(str, items))) < len(items):
         raise UsageError(f"{name}={values!r}: expected a list of one or more, each once")
-    return listed
+    return items
 
 
-def _console(progress: bool) -> Console:
+def console_of(progress: bool) -> Console:
+    """Standard error, or where nobody reads."""
     return Console() if progress else Console(io.StringIO())
 
 
 @contextmanager
-def _interruptible() -> Iterator[Interruption]:
+def interruptible() -> Iterator[Interruption]:
     """Ctrl-C as a flag while a run goes on, and as Python's own exception after it."""
     if threading.current_thread() is not threading.main_thread():
         yield Interruption()
@@ -312,4 +317,4 @@ def _interruptible() -> Iterator[Interruption]:
         with interruption() as interrupted:
             yield interrupted
     except Interrupted:
-        raise KeyboardInterrupt from None
+        raise KeyboardInterrupt(interrupted.code) from None

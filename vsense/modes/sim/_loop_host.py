@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +54,7 @@ class LoopFunctionsHost:
         timestep: says which one is under way.
         robots: those whose controllers have begun before the loop functions, which use their
             objects; None: none have.
-        opener: see `Programs`.
+        openers: see `Programs`.
     """
 
     experiment: Experiment
@@ -63,7 +63,7 @@ class LoopFunctionsHost:
     progress: Any
     timestep: Callable[[], int]
     robots: Programs | None = None
-    opener: ProgramOpener | None = None
+    openers: Mapping[str, ProgramOpener] = field(default_factory=dict)
 
     def loop_host(self) -> LoopHost:
         """The same as an `Environment` takes it."""
@@ -89,7 +89,7 @@ class LoopFunctionsHost:
             tables,
             self.seed,
             self.progress,
-            self.opener,
+            self.openers,
         )
 
     def _begin(self, tables: Mapping[str, Table]) -> None:

@@ -30,7 +30,7 @@ from vsense.robots.link.wire import Wanted
 from vsense.robots.program import ProgramOpener
 from vsense.run.changing import Ground
 from vsense.run.environment import Environment, physics_of
-from vsense.run.programs import RUN_PROGRESS_BYTES, failed_words
+from vsense.run.programs import NO_OPENERS, RUN_PROGRESS_BYTES, failed_words
 from vsense.world.entities import Box, Cylinder
 from vsense.world.physics.motion import Floats, NoisyWheels, Physics, obstacles
 from vsense.world.physics.proximity_ring import ProximityRing
@@ -83,7 +83,7 @@ class Simulation:
         seed: int,
         blind: bool = False,
         progress: Any = None,
-        opener: ProgramOpener | None = None,
+        openers: Mapping[str, ProgramOpener] = NO_OPENERS,
     ) -> None:
         """Puts everything in its place.
 
@@ -91,7 +91,7 @@ class Simulation:
             experiment: it has a length.
             libraries: its programs, as `shared_objects` gives them.
             blind: hold the virtual sensors at 0.
-            progress, opener: see `Programs`.
+            progress, openers: see `Programs`.
 
         Raises:
             VsenseError: something in the experiment cannot be had.
@@ -101,7 +101,7 @@ class Simulation:
         # Loop functions may begin below, and ask for the timestep.
         self._timestep, self._numbers, self.chain, self.is_whole = 0, 0, None, True
         present = self._present
-        host = LoopFunctionsHost(experiment, libraries, seed, progress, present, opener=opener)
+        host = LoopFunctionsHost(experiment, libraries, seed, progress, present, openers=openers)
         self.environment = Environment(experiment, seed, blind, host.loop_host())
         self.record = SimulationRecord(experiment)
         self.samples = self.observe = None

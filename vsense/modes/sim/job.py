@@ -202,7 +202,7 @@ class Sweep:
         for key, text in settings:
             if key in values:
                 raise UsageError(f"--set {key}: given twice; give all values in one")
-            values[key] = _split(key, text)
+            values[key] = values_of(f"--set {key}", text)
         if runs is not None and seeds is not None and len(seeds) != runs:
             raise UsageError(f"--runs {runs}: --seeds names {len(seeds)}")
         if runs is None and seeds is None and all(len(texts) == 1 for texts in values.values()):
@@ -220,11 +220,15 @@ class Sweep:
             yield dict(zip(self.values, texts))
 
 
-def _split(key: str, text: str) -> tuple[str, ...]:
+def values_of(option: str, text: str) -> tuple[str, ...]:
+    """Values that commas separate, or semicolons where one holds a comma.
+
+    UsageError, which begins with `option`: one is empty, or there twice.
+    """
     parts = text.removesuffix(";").split(";") if ";" in text else text.split(",")
     values = tuple(part.strip() for part in parts)
     if "" in values:
-        raise UsageError(f"--set {key}={text}: expected values between the separators")
+        raise UsageError(f"{option}={text}: expected values between the separators")
     if len(set(values)) < len(values):
-        raise UsageError(f"--set {key}={text}: expected every value once")
+        raise UsageError(f"{option}={text}: expected every value once")
     return values

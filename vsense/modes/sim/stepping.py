@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.errors import UsageError
-from vsense.config.specs import Experiment
+from vsense.base.errors import UsageError, instead
+from vsense.config.specs import ControllerSpec, Experiment
 from vsense.modes.sim._simulation import Simulation
 from vsense.robots.hosted import HostedProgram, build_host
 from vsense.robots.python_swarm import Leds, Swarm
@@ -30,11 +30,24 @@ class _Abandoned(Exception):
     """The caller has gone."""
 
 
-def check_steppable(experiment: Experiment) -> None:
-    """Raises UsageError where an experiment has several controllers."""
-    if len(experiment.controllers) != 1:
-        named = ", ".join(controller.id for controller in experiment.controllers)
-        raise UsageError(f"{experiment.file}: expected one controller to be stepped, not {named}")
+def stepped_controller(experiment: Experiment, controller: str = "") -> ControllerSpec:
+    """Gives the controller that a caller takes the place of, by its id; "": the only one.
+
+    Raises:
+        UsageError: there is none of this id; none was named, and there are several; or it drives
+            no robot.
+    """
+    there = {spec.id: spec for spec in experiment.controllers}
+    if not controller and len(there) == 1:
+        (controller,) = there
+    if controller not in there:
+        wrong = f"there is no {controller!r}" if controller else "it has several"
+        hint = instead(controller, there)
+        words = "controller=ID says whose place is taken"
+        raise UsageError(f"{experiment.file}: {words}: {wrong}; {hint}")
+    if all(robot.controller != controller for robot in experiment.robots):
+        raise UsageError(f"{experiment.file}: {controller!r} drives no robot")
+    return there[controller]
 
 
 class SteppedSimulation:
@@ -43,30 +56,43 @@ class SteppedSimulation:
     `with` ends it. Between two steps `swarm` has what the robots sense now, and takes what they do.
 
     Attributes:
-        experiment: what runs; all robots have the same controller, which is left out.
+        experiment: what runs, but for the controller that is left out.
         timestep: of the run, whose control step the robots are in.
         done: the run is over.
         finished: it was ended by its loop functions, before its length was over.
     """
 
     def __init__(
-        self, experiment: Experiment, seed: int, blind: bool = False, draws: bool = False
+        self,
+        experiment: Experiment,
+        seed: int,
+        blind: bool = False,
+        draws: bool = False,
+        controller: str = "",
     ) -> None:
-        """Starts the run; `draws`: `picture` will be asked for.
+        """Starts the run.
+
+        Args:
+            draws: `picture` will be asked for.
+            controller: whose place the caller takes, by its id; the other robots do what their
+                own controllers say. "": the only one.
 
         Raises:
-            UsageError: there are several controllers.
+            UsageError: as `stepped_controller`.
             VsenseError: it cannot be simulated.
         """
-        check_steppable(experiment)
+        spec = stepped_controller(experiment, controller)
         build_host()
         self.experiment, self.timestep, self.done, self.finished = experiment, -1, False, False
         self._program: _SteppedProgram | None = None
         self._leaves, self._error = False, None
         self._decided, self._waits = threading.Semaphore(0), threading.Semaphore(0)
-        loop = shared_objects(replace(experiment, controllers=()))
-        libraries = {**loop, experiment.controllers[0].id: Path(experiment.controllers[0].id)}
-        self._run = Simulation(experiment, libraries, seed, blind, opener=self._open)
+        others = tuple(other for other in experiment.controllers if other is not spec)
+        libraries = shared_objects(replace(experiment, controllers=others))
+        libraries[spec.id], openers = Path(spec.id), {spec.id: self._open}
+        self._run = Simulation(experiment, libraries, seed, blind, openers=openers)
+        tags = np.array(self._run.record.tags)
+        self._rows = np.flatnonzero(np.isin(tags, self.swarm.tags))
         if draws:  # the world is then up to date in every timestep
             self._run.observe = lambda timestep: None
         self._thread = threading.Thread(target=self._work, daemon=True)
@@ -88,8 +114,8 @@ class SteppedSimulation:
 
     @property
     def poses(self) -> NDArray[np.float64]:
-        """(n, 3) x, y [m] and yaw [rad] of the robots, as they truly are."""
-        return np.array(self._run.record.poses[self.timestep, : len(self.swarm)])
+        """(n, 3) x, y [m] and yaw [rad] of the robots of `swarm`, as they truly are."""
+        return np.array(self._run.record.poses[self.timestep, self._rows])
 
     def picture(self, width_px: int = PICTURE_PX) -> NDArray[np.uint8]:
         """(h, w, 3) RGB: the arena from above, now."""
@@ -97,7 +123,8 @@ class SteppedSimulation:
 
         run = self._run
         lit = (run.leds & Leds.RING) != 0
-        image = draw_arena(self.experiment, run.environment.world, self.poses, lit, width_px)
+        poses = run.record.poses[self.timestep, : len(lit)]
+        image = draw_arena(self.experiment, run.environment.world, poses, lit, width_px)
         return np.ascontiguousarray(image[:, :, ::-1])
 
     def step(self) -> None:

@@ -218,8 +218,12 @@ class CampaignTable:
     changed: Sequence[str] = ()
     upgrade, allows_upgrade = "", True
 
-    def __init__(self, table: RunsFile, plan: SeriesPlan) -> None:
-        """Takes the table; UsageError: it holds something else."""
+    def __init__(self, table: RunsFile, plan: SeriesPlan, mixed: bool = False) -> None:
+        """Takes the table; UsageError: it holds something else.
+
+        `mixed`: runs of different experiments may have different measures.
+        """
+        self._mixed = mixed
         self.path = table.path.with_name(f"{table.path.stem}-recordings")
         self.table = table
         self._stems = _stems(plan)
@@ -259,7 +263,7 @@ class CampaignTable:
         VsenseError: its measures are not those of the rows before, or the file cannot be written.
         """
         before = self.table.measures
-        if self.rows and list(row.measures) != before:
+        if self.rows and list(row.measures) != before and not self._mixed:
             raise VsenseError(
                 f"{self.table.path}: seed {row.seed} gave the measures"
                 f" {', '.join(row.measures) or 'none'}; the rows before have"

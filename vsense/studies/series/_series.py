@@ -60,6 +60,7 @@ class SeriesLoop:
 
     Attributes:
         end_reason: why it has ended before all runs were made; "": it has not.
+        grows: nobody knows yet how many runs there will be.
     """
 
     def __init__(
@@ -69,11 +70,12 @@ class SeriesLoop:
         make: Callable[[Sequence[PlannedRun]], Iterator[RunResult]],
         console: Console,
         interrupted: Interruption,
+        grows: bool = False,
     ) -> None:
         """`make` makes runs, as `RunMaker.make`."""
         self._plan, self._folder, self._make = plan, folder, make
         self._console, self._interrupted = console, interrupted
-        self.end_reason = ""
+        self.end_reason, self.grows, self._has_begun = "", grows, False
 
     def run(self) -> None:
         """Makes all runs that are missing, as far as nobody ends it.
@@ -82,11 +84,17 @@ class SeriesLoop:
             VoidLimit: a run was void too often.
             VsenseError: a run has failed, or the table cannot be written.
         """
-        self._begin()
+        if not self._has_begun:
+            self._begin()
+        self._has_begun = True
         try:
             self._make_all()
         except (Interrupted, CutShort):
             self.end_reason = INTERRUPTED
+
+    def grow(self, plan: SeriesPlan) -> None:
+        """Goes on by a plan that has more runs than the one before."""
+        self._plan = plan
 
     def _make_all(self) -> None:
         while (todo := pending(self._plan, self._folder.rows)) and not self.end_reason:
@@ -130,7 +138,10 @@ class SeriesLoop:
         """How the series stands, for people."""
         void = sum(not row.valid for row in self._folder.rows)
         thrown = f", {void} invalid" if void else ""
-        return f"{self._folder.table.path}: {self.valid} of {self._plan.runs} runs{thrown}"
+        there = f"{self.valid} of {self._plan.runs} runs"
+        if self.grows:
+            there = f"{len(self._folder.rows) - void} runs"
+        return f"{self._folder.table.path}: {there}{thrown}"
 
     def _begin(self) -> None:
         folder, say = self._folder, self._console.say

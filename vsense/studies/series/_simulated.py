@@ -101,9 +101,10 @@ class SimulatedRuns:
         self._warned = set(reported)
 
     def make(
-        self, runs: Sequence[PlannedRun], folder: SeriesFolder | CampaignTable
+        self, runs: Sequence[PlannedRun], folder: SeriesFolder | CampaignTable, goal: str = ""
     ) -> Iterator[RunResult]:
-        """Simulates all of these runs; raises as `simulate_all`, after what is done is given."""
+        """Simulates all of these runs; raises as `simulate_all`, after what is done is given.
+        `goal`: what they and those that follow are for, as the bar says it."""
         todo = [self._task(run, folder) for run in runs]
         place = {id(task): n for n, task in enumerate(todo)}
         recordings = None
@@ -111,7 +112,7 @@ class SimulatedRuns:
             recordings = _Recordings(folder.path, len(todo), self._console)
         finished: dict[int, dict[str, Any]] = {}
         written = 0
-        show = _bar(self._console, todo, lambda: written + len(finished))
+        show = _bar(self._console, todo, lambda: written + len(finished), goal)
 
         def take(number: int) -> RunResult:
             result, run = finished.pop(number), runs[number]
@@ -135,7 +136,8 @@ class SimulatedRuns:
                 yield runs[place[id(error.task)]], failed
             raise
         show(())
-        self._console.end_progress()
+        if not goal:
+            self._console.end_progress()
         if recordings is not None:
             recordings.say()
 
@@ -197,8 +199,9 @@ def _digest(program: Path) -> str:
     return of_file(program) if program.suffix == PYTHON else program.parent.name
 
 
-def _bar(console: Console, todo: Sequence[Task], count: Callable[[], int]) -> Show:
+def _bar(console: Console, todo: Sequence[Task], count: Callable[[], int], goal: str) -> Show:
     """Makes the function that draws the progress bar; `count`: so many runs are done."""
+    aim = f"  {goal}" if goal else ""
     begun_s = time.monotonic()
 
     def show(workers: Sequence[WorkerProcess[Task]]) -> None:
@@ -212,7 +215,7 @@ def _bar(console: Console, todo: Sequence[Task], count: Callable[[], int]) -> Sh
             left_s = round((time.monotonic() - begun_s) * (1.0 - share) / share)
             left = f"  {left_s // 60}:{left_s % 60:02d} left"
         bar = "#" * full + "." * (RUNS_BAR_WIDTH - full)
-        console.progress(f"[{bar}] {count()} of {len(todo)} runs{left}")
+        console.progress(f"[{bar}] {count()} of {len(todo)} runs{left}{aim}")
 
     return show
 

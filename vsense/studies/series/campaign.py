@@ -6,10 +6,12 @@ Its conditions are all combinations of settings, its starts the seeds.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from vsense.base.errors import Interrupted, UsageError, VsenseError, failing_as
 from vsense.base.terminal import Console, Interruption, interruption, print_data
@@ -38,7 +40,10 @@ from vsense.studies.series._series import (
 )
 from vsense.studies.series._simulated import Simulate, SimulatedRuns, check_simulator, simulator
 
-_EVER = 2**31
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+EVER = 2**31
 """A run that somebody has made void in the table is repeated however often."""
 
 
@@ -239,7 +244,7 @@ def prepare(campaign: Campaign) -> tuple[SeriesPlan, dict[str, PlannedExperiment
         conditions=tuple(planned.condition for planned in by_condition.values()),
         starts=tuple(PlannedStart(f"seed{n}", StartPlaces(n)) for n in campaign.sweep.seeds or ()),
         seed=CAMPAIGN,
-        again=_EVER,
+        again=EVER,
     )
     return plan, by_condition
 
@@ -315,16 +320,27 @@ def _report(campaign: Campaign, plan: SeriesPlan, table: CampaignTable, console:
 
 
 def _draw(campaign: Campaign, table: CampaignTable, groups: Sequence[ConditionMeasures]) -> None:
-    from vsense.studies.report import _plot
     from vsense.studies.series import _comparison
 
-    file = campaign.drawing
     measures = {name: [values[name] for _, values in groups] for name in table.table.measures}
     settings = [condition.settings for condition, _ in groups]
-    with _plot.styled(campaign.style):
-        title = table.rows[0].experiment
-        title += ", without virtual sensors" if campaign.setup.blind else ""
-        figure = _comparison.draw(title, settings, measures)
-        data = _plot.encode(figure, file.suffix[1:])
-    with failing_as(VsenseError, f"{file}: cannot be written"):
-        file.write_bytes(data)
+    title = table.rows[0].experiment
+    title += ", without virtual sensors" if campaign.setup.blind else ""
+    draw = partial(_comparison.draw, title, settings, measures)
+    write_picture(draw, campaign.drawing, campaign.style)
+
+
+def write_picture(draw: Callable[[], Figure], path: Path, style: str | None) -> Path | None:
+    """Draws in a style, see `_plot.styled`, and writes; None: Matplotlib is not there.
+
+    VsenseError: it cannot be written.
+    """
+    if not can_draw():
+        return None
+    from vsense.studies.report import _plot
+
+    with _plot.styled(style):
+        data = _plot.encode(draw(), path.suffix[1:])
+    with failing_as(VsenseError, f"{path}: cannot be written"):
+        path.write_bytes(data)
+    return path

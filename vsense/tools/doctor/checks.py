@@ -50,6 +50,7 @@ _PURPOSES = {
     "lua": "controllers of ARGoS in Lua",
     "notebook": "runs that play in notebooks",
     "learn": "learning in simulation (vsense.parallel_env)",
+    "optimize": "searches for the best settings (vsense optimize)",
     "tables": "runs as data frames (to_pandas)",
 }
 

@@ -1,0 +1,259 @@
+"""Old against new: intervals that keep their word however often is looked, and what people see."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from scipy import stats
+
+import vsense
+from tests.rigs.places import ROOT
+from vsense.cli import main
+from vsense.run.runs_csv import read_runs
+from vsense.studies.series import _sequential
+from vsense.studies.series._sequential import BETTER, NOT_CLEAR, NOT_WORSE, WORSE, Floats
+
+FORAGING = ROOT / "vsense" / "config" / "experiments" / "foraging.argos"
+SLOWER_CM_S = 11.35
+"""Foraging's robots go at 12 cm/s; so much slower they bring a tenth less home."""
+ITEMS = ("--maximize", "items_home")
+Draw = Callable[[np.random.Generator, int], tuple[Floats, Floats]]
+
+
+def final_verdict(old: Floats, new: Floats, margin: float) -> str:
+    """What a comparison says that looks at pairs one after the other."""
+    verdict = NOT_CLEAR
+    for pairs in _sequential.looks(len(old)):
+        shift = _sequential.shift_of(old[:pairs], new[:pairs], relative=True)
+        verdict = _sequential.verdict_of(shift, margin, more_is_better=True)
+        if verdict != NOT_CLEAR:
+            break
+    return verdict
+
+
+def paired(share: float, start_share: float = 0.5) -> Draw:
+    """Counts about 14, as foraging's, with a part that the start decides; new ones are `share`."""
+
+    def draw(random: np.random.Generator, pairs: int) -> tuple[Floats, Floats]:
+        start = random.gamma(1.0 / start_share**2 * 4.0, size=pairs) / (4.0 / start_share**2)
+        return random.poisson(14.0 * start) * 1.0, random.poisson(14.0 * share * start) * 1.0
+
+    return draw
+
+
+def rare(random: np.random.Generator, pairs: int) -> tuple[Floats, Floats]:
+    """Either side fails in a tenth of its runs."""
+    return 1.0 * (random.random(pairs) < 0.9), 1.0 * (random.random(pairs) < 0.9)
+
+
+def shares_of_verdicts(draw: Draw, margin: float, times: int) -> dict[str, float]:
+    random = np.random.default_rng(5)
+    verdicts = [final_verdict(*draw(random, 400), margin) for _ in range(times)]
+    return {name: verdicts.count(name) / times for name in (BETTER, NOT_WORSE, WORSE, NOT_CLEAR)}
+
+
+def test_the_boundary_is_crossed_by_a_twentieth_of_all_sequences() -> None:
+    walks = np.random.default_rng(1).standard_normal((20_000, 400)).cumsum(axis=1)
+    at_looks = np.array(_sequential.LOOKS)
+    crossed = np.abs(walks[:, at_looks - 1] / np.sqrt(at_looks)) > _sequential._BOUNDARY
+    assert crossed.any(axis=1).mean() == pytest.approx(0.05, abs=0.005)
+
+
+@pytest.mark.parametrize("freedom", [7, 11, 15, 399])
+def test_estimated_variances_widen_the_interval_as_students_t_does(freedom: int) -> None:
+    tail = stats.norm.sf(_sequential._BOUNDARY)
+    assert _sequential._quantile(freedom) == pytest.approx(stats.t.isf(tail, freedom), rel=2e-3)
+
+
+@pytest.mark.parametrize("draw", [paired(1.0), paired(1.0, 0.05), rare], ids=["", "even", "rare"])
+def test_equal_sides_are_seldom_called_unlike(draw: Draw) -> None:
+    shares = shares_of_verdicts(draw, 0.1, 600)
+    # 5 % and three standard errors; whoever looks as often with 1.96 says it in 15 to 25 %.
+    assert shares[WORSE] + shares[BETTER] < 0.077
+
+
+def test_a_loss_is_found_and_one_beyond_the_margin_seldom_accepted() -> None:
+    assert shares_of_verdicts(paired(0.9), 0.1, 200)[WORSE] > 0.8
+    assert shares_of_verdicts(paired(0.9), 0.1, 200)[NOT_WORSE] < 0.062
+    assert shares_of_verdicts(paired(1.1), 0.1, 200)[WORSE] == 0.0
+
+
+def test_pairs_that_are_alike_prove_nothing_while_they_are_few() -> None:
+    same = np.full(400, 3.0)
+    for relative in (False, True):
+        few = _sequential.shift_of(same[:47], same[:47], relative)
+        assert (few.value, few.known) == (0.0, False)
+        assert _sequential.verdict_of(few, 0.1, True) == NOT_CLEAR
+        many = _sequential.shift_of(same[:48], same[:48], relative)
+        assert _sequential.verdict_of(many, 0.1, True) == NOT_WORSE
+    assert final_verdict(same * 0.0, same, 0.1) == NOT_CLEAR  # a share of nothing
+
+
+def compare(*words: str | Path) -> int:
+    return main(["compare", *map(str, words)])
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Foraging in `mine/`, where it is slow; the current folder."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine").mkdir()
+    text = FORAGING.read_text().replace('speed_cm_s="12"', 'speed_cm_s="4"')
+    (tmp_path / "mine" / "mine.argos").write_text(text)
+    (tmp_path / "mine" / "foraging.py").write_bytes(FORAGING.with_suffix(".py").read_bytes())
+    return tmp_path
+
+
+def test_a_worse_side_fails_and_its_runs_are_kept(folder: Path, capsys) -> None:
+    words = ("foraging", "mine", *ITEMS, "--duration", "60", "-o", "runs.svg", "--json")
+    assert compare(*words) == 1
+    said = capsys.readouterr()
+    facts = json.loads(said.out)
+    rows = read_runs(folder / "runs.csv")
+    means = [
+        np.mean([row.measures["items_home"] for row in rows if row.condition == side])
+        for side in ("old", "new")
+    ]
+    assert [facts["old_mean"], facts["new_mean"]] == pytest.approx(means)
+    assert facts["verdict"] == "worse" and not facts["passed"]
+    assert facts["effect"] == pytest.approx(means[1] / means[0] - 1.0)
+    assert facts["low"] < facts["effect"] < facts["high"] < 0.0
+    assert {row.seed for row in rows} == set(range(1, facts["pairs"] + 1))
+    assert len(rows) == 2 * facts["pairs"]
+    assert re.search(r"^worse: items home .* accepted: 10 % less$", said.err, re.M)
+    assert "pairs of runs" in (folder / "runs.svg").read_text()
+    before = (folder / "runs.csv").read_bytes()
+    assert compare(*words) == 1 and (folder / "runs.csv").read_bytes() == before
+    assert compare("mine", "foraging", *words[2:6], "-o", "new.png") == 0
+    assert cv2.imread("new.png").shape[1] > 1000
+    assert compare("mine", "foraging", "--minimize", "items_home", "--duration", "60") == 1
+    assert [path.suffix for path in sorted(Path("runs").iterdir())] == [".csv", ".png"]
+
+
+def test_git_has_the_old_side(folder: Path, capsys) -> None:
+    def git(*words: str) -> None:
+        who = ("-c", "user.name=n", "-c", "user.email=e@example.org")
+        subprocess.run(["git", *who, *words], check=True, capture_output=True)
+
+    git("init", "-b", "main", ".")
+    git("add", "mine")
+    git("commit", "-m", "slow")
+    file = Path("mine/mine.argos")
+    file.write_text(file.read_text().replace('speed_cm_s="4"', 'speed_cm_s="12"'))
+    how = (*ITEMS, "--duration", "60")
+    assert compare("main:", "mine", *how) == 0
+    assert "better: items home" in capsys.readouterr().err
+    assert compare("main:mine/mine.argos", "main:mine", *how, "--pairs", "8") == 0
+    assert "the same in every pair, in 8 pairs" in capsys.readouterr().err
+    for side, words in (
+        ("nowhere:", "nowhere: is no revision of "),
+        ("main:other", "main:other: this revision has no other"),
+    ):
+        assert compare(side, "mine", *how) == 2
+        assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("foraging", "foraging", "--maximize", "item_home"), "is 'items_home' meant?"),
+        (("foraging", "foragin", *ITEMS), "is 'foraging' meant?"),
+        (("foraging", "foraging", *ITEMS, "--margin", "1O%"), "margin '1O%': expected a share"),
+        (("foraging", "foraging", *ITEMS, "--pairs", "500"), "expected a whole number, 8 to 400"),
+        (("foraging", "foraging", *ITEMS, "--set", "foraging.relase=1"), "is 'release' meant?"),
+        (("foraging", "foraging", *ITEMS, "--set", "a.b=1", "--set", "a.b=2"), "a.b: given twice"),
+        (("mine/foraging.py", "mine/foraging.py", *ITEMS), "both are controllers"),
+    ],
+)
+def test_what_is_wrong_is_said(words: tuple[str, ...], said: str, folder: Path, capsys) -> None:
+    assert compare(*words, "--duration", "5") == 2
+    assert said in capsys.readouterr().err
+
+
+def test_ctrl_c_keeps_the_runs(folder: Path) -> None:
+    command = [sys.executable, "-m", "vsense", "compare", "foraging", "mine", *ITEMS, "-j", "1"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    with subprocess.Popen(
+        [*command, "-o", "runs.csv"], env=environment, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stderr is not None
+        while not Path("runs.csv").exists():
+            assert process.poll() is None
+        process.send_signal(signal.SIGTERM)
+        said = process.communicate(timeout=60)[1]
+    assert process.returncode == 143, said
+    assert "the same command goes on from there" in said
+    assert 1 <= len(read_runs(Path("runs.csv"))) < 16
+
+
+TESTS = """
+def test_as_good(vsense_compare):
+    assert vsense_compare("foraging", "foraging", maximize="items_home", duration_s=20).pairs == 8
+
+def test_slow(vsense_compare):
+    vsense_compare("foraging", "mine", maximize="items_home", margin="5%", duration_s=60)
+"""
+
+
+def test_pytest_has_a_fixture_for_it(folder: Path) -> None:
+    (folder / "test_mine.py").write_text(TESTS)
+    command = [sys.executable, "-m", "pytest", "-p", "vsense.studies._pytest_plugin", "--tb=short"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
+    ran = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=100)
+    assert ran.returncode == 1 and "1 failed, 1 passed" in ran.stdout, ran.stdout + ran.stderr
+    assert re.search(r"^worse: items home .* accepted: 5 % less$", ran.stdout, re.M)
+    assert re.search(r"^picture: .*\.png$", ran.stdout, re.M)
+
+
+def write_other(folder: Path, seed_draws: int, speed_cm_s: float) -> None:
+    """Foraging as `other.argos`, whose robots first draw some random numbers more."""
+    draws = "    vs_robot_random(robot);\n" * seed_draws
+    begin = "    vs_walk_init("
+    source = (ROOT / "robot" / "controllers" / "foraging.c").read_text()
+    (folder / "other.c").write_text(source.replace(begin, draws + begin))
+    text = FORAGING.read_text().replace('library="foraging"', 'library="other.c"')
+    text = text.replace('speed_cm_s="12"', f'speed_cm_s="{speed_cm_s}"')
+    (folder / "other.argos").write_text(text)
+    (folder / "foraging.py").write_bytes(FORAGING.with_suffix(".py").read_bytes())
+
+
+def verdicts_of_foraging(comparisons: int) -> list[str]:
+    """Verdicts of foraging against other.argos, each of runs that no other one has."""
+    found = [
+        vsense.compare(
+            "foraging", "other.argos", maximize="items_home", seed=1 + 400 * n, output=f"{n}.csv"
+        )
+        for n in range(comparisons)
+    ]
+    print(sorted(answer.pairs for answer in found))
+    return [answer.verdict for answer in found]
+
+
+@pytest.mark.campaign
+def test_a_controller_against_itself_raises_few_alarms(folder: Path) -> None:
+    # With the very same numbers drawn all pairs are alike, and nothing could go wrong.
+    write_other(folder, 1, 12)
+    verdicts = verdicts_of_foraging(200)
+    assert verdicts.count(WORSE) + verdicts.count(BETTER) <= 10
+
+
+@pytest.mark.campaign
+def test_a_tenth_of_foraging_is_missed(folder: Path) -> None:
+    write_other(folder, 1, SLOWER_CM_S)
+    runs = {
+        name: vsense.load(name).simulate_many(range(100_001, 101_001), output=f"{n}.csv")
+        for n, name in enumerate(("foraging", "other.argos"))
+    }
+    old, new = (np.mean(table.columns()["items_home"]) for table in runs.values())
+    assert new / old == pytest.approx(0.9, abs=0.015)
+    assert verdicts_of_foraging(50).count(WORSE) >= 40
