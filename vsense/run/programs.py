@@ -6,7 +6,6 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -102,9 +101,6 @@ def failed_words(failures: Mapping[int, str], kind: str = "") -> list[str]:
     return [f"{kind}robot {tag}'s controller ({why})" for tag, why in failures.items()]
 
 
-NO_OPENERS: Mapping[str, ProgramOpener] = MappingProxyType({})
-
-
 class Programs:
     """Robots of an experiment, each with the program of its own controller; see `Program`.
 
@@ -120,7 +116,7 @@ class Programs:
         tables: Mapping[str, Table],
         seed: int,
         progress: Any = None,
-        openers: Mapping[str, ProgramOpener] = NO_OPENERS,
+        openers: Mapping[str, ProgramOpener] | None = None,
     ) -> None:
         """Loads the programs and greets every robot.
 
@@ -136,7 +132,7 @@ class Programs:
         """
         note = memoryview(bytearray(RUN_PROGRESS_BYTES) if progress is None else progress).cast("B")
         own, self._present = note[: inprocess.PROGRESS_BYTES], note[-4:].cast("I")
-        drivers = np.array(list(controllers.values()))
+        drivers, step_ns = np.array(list(controllers.values())), experiment.timestep_ns
         self._experiment, count = experiment, len(drivers)
         self.wheels_steps_s, self.leds = np.zeros((count, 2), np.int16), np.zeros(count, np.uint16)
         self._names = names = {robot.tag: robot.id for robot in experiment.robots}
@@ -148,11 +144,10 @@ class Programs:
                 self._present[0] = number
                 tags = [tag for tag, name in controllers.items() if name == spec.id]
                 params = {tag: spec.params_for(names[tag]) for tag in tags}
-                open_program = openers.get(spec.id) or kind_of(spec.program).open
-                step_ns = experiment.timestep_ns
+                opened = (openers or {}).get(spec.id) or kind_of(spec.program).open
                 given = libraries[spec.id], tags, tables[spec.id], step_ns, seed, params
                 with loading(note, number):
-                    self._parts.append((number, rows, open_program(*given, own)))
+                    self._parts.append((number, rows, opened(*given, own)))
 
     def begin(self) -> None:
         """Every controller begins now; see `Program.begin`.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -63,7 +63,7 @@ class LoopFunctionsHost:
     progress: Any
     timestep: Callable[[], int]
     robots: Programs | None = None
-    openers: Mapping[str, ProgramOpener] = field(default_factory=dict)
+    openers: Mapping[str, ProgramOpener] | None = None
 
     def loop_host(self) -> LoopHost:
         """The same as an `Environment` takes it."""

@@ -30,7 +30,7 @@ from vsense.robots.link.wire import Wanted
 from vsense.robots.program import ProgramOpener
 from vsense.run.changing import Ground
 from vsense.run.environment import Environment, physics_of
-from vsense.run.programs import NO_OPENERS, RUN_PROGRESS_BYTES, failed_words
+from vsense.run.programs import RUN_PROGRESS_BYTES, failed_words
 from vsense.world.entities import Box, Cylinder
 from vsense.world.physics.motion import Floats, NoisyWheels, Physics, obstacles
 from vsense.world.physics.proximity_ring import ProximityRing
@@ -83,7 +83,7 @@ class Simulation:
         seed: int,
         blind: bool = False,
         progress: Any = None,
-        openers: Mapping[str, ProgramOpener] = NO_OPENERS,
+        openers: Mapping[str, ProgramOpener] | None = None,
     ) -> None:
         """Puts everything in its place.
 
