@@ -78,8 +78,9 @@ struct vs_reading {
     uint64_t age_ns; /* [ns] since it was measured, UINT64_MAX if not known */
 };
 
-/* Binds a sensor by name; for init. Of one that nobody offers the reading is not known. */
+/* Binds a sensor by name; 1 if somebody offers it. For init. Else its reading is not known. */
 int vs_robot_sensor(struct vs_robot *robot, const char *name);
+int vs_robot_offers(const struct vs_robot *robot, const char *name);
 
 /* The sensor's newest reading. */
 struct vs_reading vs_robot_read(const struct vs_robot *robot, int sensor);
@@ -146,5 +147,4 @@ extern const double vs_robot_sensor_angle_rad[8];
 #ifdef __cplusplus
 }
 #endif
-
 #endif

@@ -114,6 +114,17 @@ int vs_robot_sensor(struct vs_robot *robot, const char *name)
     return index; /* nothing here to fuse it with */
 }
 
+int vs_robot_offers(const struct vs_robot *robot, const char *name)
+{
+    const struct vs_table *table = &robot->session->table;
+    int index = vs_table_find(table, name);
+    int own = vs_base_sensor(name);
+
+    if (index >= 0 && table->entries[index].direction == VS_SENSOR)
+        return 1;
+    return own >= 0 && (robot->base_ns == 0 || vs_base_has(&robot->base, own));
+}
+
 int vs_robot_actuator(struct vs_robot *robot, const char *name)
 {
     int index = bind(robot, name, 1);

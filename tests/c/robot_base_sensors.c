@@ -193,6 +193,8 @@ static void test_own_message(void)
     vs_robot_begin(&robot, &session);
     CHECK(vs_robot_actuator(&robot, "message") < 0 && complaints == 1);
     CHECK(vs_robot_sensor(&robot, "ground") < 0 && complaints == 2);
+    CHECK(!vs_robot_offers(&robot, "ground") && !vs_robot_offers(&robot, "pollutant"));
+    CHECK(vs_robot_offers(&robot, "proximity") && complaints == 2);
     robot.base.boards.there = 1u << VS_BOARD_RAB;
     message = vs_robot_actuator(&robot, "message");
     CHECK(message >= 0 && complaints == 2);

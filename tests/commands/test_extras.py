@@ -56,6 +56,7 @@ NEEDS = {
         ),
     ),
     "argcomplete": ("completion bash",),
+    "lupa": ("sim lua.argos", "lab lua.argos --port 0", "run lua.argos --tracker lines --port 0"),
     "optuna": ("optimize foraging --vary foraging.release=0..1 --maximize items_home",),
     "ziglang": (
         *(
@@ -111,6 +112,13 @@ name = "other"
 controller = "pollutant"
 """
 
+SCRIPT = """<argos-configuration>
+<framework><experiment length="1" ticks_per_second="10" random_seed="7" /></framework>
+<controllers><lua_controller id="a"><actuators /><sensors /><params script="a.lua" />
+</lua_controller></controllers>
+<arena size="3, 3, 1"><e-puck id="e1"><body position="0,0,0" orientation="0,0,0" />
+<controller config="a" /></e-puck></arena></argos-configuration>"""
+
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
@@ -118,6 +126,8 @@ def folder(tmp_path: Path) -> Path:
     here = tmp_path / "here"
     here.mkdir()
     (here / "plan.toml").write_text(f'mode = "sim"\n{PLAN}')
+    (here / "lua.argos").write_text(SCRIPT)
+    (here / "a.lua").write_text("function init() end function step() end")
     (here / "two.toml").write_text(f'mode = "run"\n{PLAN}{CONTROLLERS}')
     (here / "run.zip").symlink_to(MADE / "kept.zip")
     (here / "robots.toml").symlink_to(MADE / "robots.toml")

@@ -235,13 +235,12 @@ def test_the_examples_of_the_thesis_and_of_its_code_load(
     assert len(others) == (1 if text == THESIS else 3)
 
 
-def test_a_lua_controller_and_a_c_plus_plus_one_point_to_the_page(tmp_path: Path) -> None:
+def test_a_lua_controller_without_a_script_stands_and_a_port_is_taken(tmp_path: Path) -> None:
     lua = THESIS.replace("cleaning_controller", "lua_controller").replace(
         ' library="build/controllers/libcleaning.so"', ""
     )
-    (warning,) = [w for w in loaded(lua).warnings if "Lua" in w]
-    assert warning.startswith("x.argos:9: <lua_controller> is Lua, which runs on no robot")
-    assert "Porting an ARGoS controller" in warning
+    (warning,) = [w for w in loaded(lua).warnings if "script" in w]
+    assert warning.startswith("x.argos:9: <lua_controller> has no <params script=...>")
     assert loaded(lua).controllers[0].library == "stand_still"
     (tmp_path / "cleaning.c").touch()
     ported = read(THESIS.encode(), "x.argos", tmp_path / "x.argos")

@@ -19,6 +19,7 @@ EXTRAS = (
     "foxglove",
     "https",
     "learn",
+    "lua",
     "notebook",
     "optimize",
     "record",

@@ -17,7 +17,7 @@ from typing import Any
 from vsense.base.clock import host_ns
 from vsense.modes.lab._microcontrollers import Actuation, Microcontrollers
 from vsense.robots.link._peer import Orders, Peer
-from vsense.robots.link.table import Entry, Table
+from vsense.robots.link.table import Direction, Entry, Table
 from vsense.robots.link.wire import (
     PUBLISHED,
     GoodbyeCause,
@@ -160,7 +160,7 @@ class Host:
             Orders(self.run, self.wanted, self.from_timestep),
             timestep & 0xFFFFFFFF,
             self._capture_ns,
-            values,
+            values[: len(self.table.of_direction(Direction.SENSOR))],
             now_ns,
             self.log_heard,
         )

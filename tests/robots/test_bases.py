@@ -11,15 +11,21 @@ import tty
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.robots.conftest import QUICKLY, ROOT, Builder
-from tests.robots.rig import CLEAN, MS, POLLUTED, TAG, Host, Rig
+from tests.robots.rig import CLEAN, MS, POLLUTED, TAG, TIMESTEP_NS, Host, Rig
 from tests.robots.stopping import SILENCE_NS, still_within
 from vsense.base.clock import host_ns
 from vsense.base.native import ffi, lib
+from vsense.base.readings import SensorReadings
 from vsense.modes.lab.hardware import BASE_KINDS
+from vsense.robots.link.table import Table
 from vsense.robots.link.wire import Wanted
+from vsense.robots.python_swarm import OWN_COUNTS
+from vsense.run._own_devices import OwnDevices
+from vsense.run.remote import REMOTE_TABLE
 
 RING = 0xFF
 """For a second and third daemon: the sanitizers see the same code in the first one."""
@@ -234,6 +240,53 @@ def test_iridias_leds_and_a_gyroscope(talker: Path) -> None:
     rig.wait_for(lambda: back() == [255, 2, 3], "its colour again")
     rig.daemon.process.terminate()
     rig.wait_for(lambda: back() == [0, 0, 0], "the dark at the end")
+    rig.close()
+
+
+def own_of(rig: Rig) -> dict[str, list[float]]:
+    """What the host makes of what the robot says of its own sensors; those that it has."""
+    devices = OwnDevices(Table(), [TAG], TIMESTEP_NS)
+    numbers, older_us = REMOTE_TABLE.readings(rig.host.last.payload)["own"]
+    assert older_us is not None and older_us < 1.5 * TIMESTEP_NS / 1000
+    devices.hear(TAG, numbers, 0)
+    none = SensorReadings([TAG], [], np.zeros((1, 0), np.uint8), np.zeros((1, 0), np.int64))
+    sensed = devices.sense(none, 0)
+    values = [np.frombuffer(data, "<f4").tolist() for data, _ in sensed[TAG]]
+    return {n: v for n, v, t in zip(OWN_COUNTS, values, sensed.captures_ns[0]) if t == 0}
+
+
+def test_a_robot_that_its_host_drives(tmp_path: Path, build: Builder) -> None:
+    program = build(tmp_path / "vsensed", ROOT / "robot" / "controllers" / "remote.c", *QUICKLY)
+    rig = Rig(program, kind="york", options=",ground,rab,rab_bytes=4,rgb,imu")
+    rig.host.table, rig.host.params = REMOTE_TABLE, ""
+    colours = [0, 0, 0, 40, 50, 60, 300, 20, 30, 0, 0, 0]
+    command = [300, -200, 0b101, *colours, 2, 7, 0xAB, 0, 0]
+    rig.host.pollutant = np.array(command, "<i2").tobytes()
+    rig.start()
+    rig.run()
+    last = rig.applied[-1]
+    assert (last.left_steps_s, last.right_steps_s, last.leds) == (300, -200, 0b101)
+    rig.wait_for(
+        lambda: list(map(list, rig.link.rgb.rgb))[1:] == [[40, 50, 60], [255, 20, 30]], "colours"
+    )
+    rig.wait_for(lambda: rig.link.rab.sent_number == 0xAB07, "what is said")
+    rig.link.program.proximity[0] = 3000
+    rig.link.ground.ground[0] = 100
+    rig.link.imu.rates[0] = 7511  # 1 rad/s are 7509.87
+    message = {"data": [9, 8, 7, 6], "bearing_e4rad": -9000, "range_raw": 600}
+    lib.fw_rab_hear(rig.link.rab, ffi.new("struct epuck_rab_message *", message))
+    rig.wait_for(lambda: own_of(rig)["range_and_bearing"][0] == 1.0, "the message")
+    rig.wait_for(lambda: own_of(rig)["proximity"][0] == 3000.0, "what is near")
+    rig.wait_for(lambda: own_of(rig)["gyroscope"][0] == pytest.approx(1.0, abs=1e-3), "its rate")
+    own = own_of(rig)
+    assert own["ground"][0] == pytest.approx(100 / lib.EPUCK_GROUND_MAX)
+    left_cm, right_cm = own["wheels"]
+    assert left_cm > 0.1 and right_cm == pytest.approx(-left_cm * 2 / 3, abs=0.2)
+    assert not own.keys() & {"accelerometer", "microphones", "distance"}
+    rig.host.frozen = True
+    rig.wait_for(lambda: not rig.moving and rig.applied[-1].leds == 0, "an old command")
+    rig.wait_for(lambda: not any(map(any, rig.link.rgb.rgb)), "the dark")
+    assert "nobody offers" not in rig.daemon.said
     rig.close()
 
 

@@ -19,7 +19,7 @@ from vsense.config.specs import Stage
 from vsense.monitor.ui.messages import ExperimentFacts
 from vsense.monitor.ui.publisher import Publisher
 from vsense.robots.link.status import ActuatorReport
-from vsense.robots.link.wire import ReadingValues, Wanted
+from vsense.robots.link.wire import ReadingValues, ShownData, Wanted
 from vsense.run.changes import Changes
 from vsense.run.changing import Change
 from vsense.run.control import Control
@@ -110,6 +110,9 @@ class ChangedRun:
 
     def stop(self) -> None:
         """See `ArenaSource`."""
+
+    def show(self, shown: Mapping[int, ShownData]) -> None:
+        """There is nobody to show it to."""
 
     def reports(self) -> dict[int, ActuatorReport]:
         (equipment,) = self.environment.equipment

@@ -10,7 +10,7 @@ import numpy as np
 
 from vsense.base.arena import POSE, ArenaState, Frame
 from vsense.robots.link.status import ActuatorReport
-from vsense.robots.link.wire import ReadingValues, Wanted
+from vsense.robots.link.wire import ReadingValues, ShownData, Wanted
 from vsense.run.runtime import START_LEAD, Runtime
 
 
@@ -40,6 +40,9 @@ class Robots:
         self.said: dict[int, ActuatorReport] = {}
         self.sent: list[Mapping[int, ReadingValues]] = []
 
+    def show(self, shown: Mapping[int, ShownData]) -> None:
+        """There is nobody to show it to."""
+
     def reports(self) -> dict[int, ActuatorReport]:
         return dict(self.said)
 
@@ -57,6 +60,7 @@ class Echo:
     def __init__(self) -> None:
         self.lived: list[tuple[int, Mapping[int, bytes]]] = []
         self.commands: dict[int, Any] = {}
+        self.shown: dict[int, ShownData] = {}
 
     def step(
         self,
@@ -64,6 +68,7 @@ class Echo:
         run_timestep: int,
         reports: Mapping[int, bytes],
         senders: Mapping[int, bytes],
+        heard_ns: Mapping[int, int],
     ) -> dict[int, Any]:
         self.lived.append((run_timestep, dict(senders)))
         return {tag: [(said, state.capture_ns)] for tag, said in reports.items()}

@@ -10,7 +10,7 @@ from tests.robots.link.arena_rig import ONE_SHOT, PATIENCE_S, START, STOP, OldTr
 from vsense.config.experiment import load
 from vsense.robots.link.status import ActuatorReport
 from vsense.robots.link.trackers.client import ArenaClient
-from vsense.robots.link.wire import ReadingValues, Wanted
+from vsense.robots.link.wire import ReadingValues, ShownData, Wanted
 from vsense.run.environment import Environment
 from vsense.run.runtime import Runtime
 
@@ -25,6 +25,9 @@ class Robots:
     def publish(self, timestep: int, capture_ns: int, readings: Mapping[int, ReadingValues]) -> int:
         self.published.append((timestep, capture_ns))
         return capture_ns
+
+    def show(self, shown: Mapping[int, ShownData]) -> None:
+        """There is nobody to show it to."""
 
     def reports(self) -> Mapping[int, ActuatorReport]:
         return {}

@@ -280,12 +280,13 @@ class Floor:
             measured while it was large says nothing.
     """
 
-    def __init__(self, tags: list[int]) -> None:
+    def __init__(self, tags: list[int], controller: str = build.SHIPPED_CONTROLLER) -> None:
+        """`controller` is what the daemons run."""
         self.tags = tags
         self.applied: dict[int, list[Actuation]] = {tag: [] for tag in tags}
         self.held_up_ns = 0
         self._bases = Microcontrollers(["argos"] * len(tags))
-        self._daemon = build.daemon()
+        self._daemon = build.daemon(controller)
         self._daemons: dict[int, Program] = {}
         self._parts: list[Part] = []
 

@@ -21,6 +21,7 @@ import pytest
 
 from tests.rigs.processes import children
 from tests.system.floor import MS, Floor, LinesTracker, Program, experiment
+from vsense.robots import build
 
 pytestmark = pytest.mark.system
 
@@ -35,16 +36,35 @@ SETTLE_MS = 250
 """A fault comes at a random moment of this time after everything drives again."""
 
 
+DRIVERS = {
+    "mine.py": """
+class Controller:
+    def __init__(self, robot): pass
+    def step(self, robot): robot.set_wheels(300, 200)
+""",
+    "mine.lua": """
+function init() end
+function step() robot.wheels.set_velocity(4, 3) end
+""",
+}
+"""Controllers that run on the host."""
+
+
 class Stage:
     """Everything that can be killed."""
 
-    def __init__(self, folder: Path) -> None:
-        self.floor = Floor(TAGS)
+    def __init__(self, folder: Path, driver: str = "") -> None:
+        """`driver` is a file of DRIVERS that drives the robots."""
+        self.floor = Floor(TAGS, build.REMOTE) if driver else Floor(TAGS)
+        self._more = ["--hold"] if driver else []
         self._folder = folder
         self._runs = 0
         self._lines = LinesTracker(TAGS)
         framework = self._lines.framework()
         self._file = experiment(folder, framework, TAGS, 3000)
+        if driver:
+            (folder / driver).write_text(DRIVERS[driver])
+            self._file.write_text(driven(self._file.read_text(), driver))
         self.port = 0
         self.host = self._start_host()
         self.tracker = self._start_tracker()
@@ -56,7 +76,7 @@ class Stage:
 
     def _start_host(self) -> Program:
         self._runs += 1
-        words = ["run", str(self._file), "--port", str(self.port)]
+        words = ["run", str(self._file), "--port", str(self.port), *self._more]
         program = self.floor.program(*words, "--output", str(self._folder / f"notes{self._runs}"))
         waiting = r"waiting for robots on .*, port (\d+)"
         self.floor.wait_for(program.heard(waiting), "the host")
@@ -109,6 +129,64 @@ def stage(tmp_path: Path, punctual: None) -> Iterator[Stage]:
     made = Stage(tmp_path)
     yield made
     made.close()
+
+
+def driven(text: str, driver: str) -> str:
+    """An experiment's text whose robots a file on the host drives."""
+    old = re.search(r"<pollutant_controller.*</pollutant_controller>", text, re.S)
+    assert old is not None
+    name, library = "mine", f' library="{driver}"'
+    params = "<params />"
+    if driver.endswith(".lua"):
+        name, library, params = "lua", "", f'<params script="{driver}" />'
+    wheels = '<actuators><differential_steering implementation="default" /></actuators>'
+    new = f'<{name}_controller id="wanderer"{library}>{wheels}<sensors />{params}'
+    return text.replace(old[0], f"{new}</{name}_controller>")
+
+
+@pytest.mark.parametrize("driver", DRIVERS)
+def test_robots_that_a_file_on_the_host_drives_stop(
+    driver: str, tmp_path: Path, punctual: None
+) -> None:
+    stage = Stage(tmp_path, driver)
+    floor = stage.floor
+
+    def order(name: str) -> int:
+        """Gives an order until it is taken; gives when that had been answered."""
+        while True:
+            asked = floor.program("control", name, "--process", str(stage.host.process.pid))
+            floor.wait_for(lambda asked=asked: asked.ended, name)  # type: ignore[misc]
+            floor.remove(asked)
+            if asked.process.returncode == 0:
+                return floor.clock()
+
+    def stood(since_ns: int, what: str) -> None:
+        """Whether they stand soon enough, unless this loop itself was late."""
+        floor.wait_for(floor.resting, f"rest after {what}")
+        late_ns = max(map(floor.stopped_ns, TAGS)) - since_ns
+        print(driver, what, late_ns / MS, floor.held_up_ns / MS)
+        assert late_ns <= LIMIT_NS or floor.held_up_ns > CANARY_NS, f"{what}: {late_ns / MS} ms"
+        floor.live_for(300 * MS)
+        assert floor.resting()
+
+    floor.wait_for(stage.host.heard("ready to start"), "what is there")
+    for before, name in (("start", "pause"), ("start", "stop"), ("reset", "")):
+        order(before)
+        if before == "reset":
+            order("start")
+        floor.wait_for(floor.moving, "motion")
+        floor.held_up_ns = 0
+        if name:
+            stood(order(name), name)
+    for number in (signal.SIGSTOP, signal.SIGKILL):
+        floor.held_up_ns = 0
+        begun_ns = floor.clock()
+        stage.host.tell(number)
+        stood(begun_ns, number.name)
+        stage.host.tell(signal.SIGCONT)
+        if number == signal.SIGSTOP:
+            floor.wait_for(floor.moving, "motion again")
+    stage.close()
 
 
 @dataclass(frozen=True)

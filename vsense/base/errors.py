@@ -17,6 +17,7 @@ EXTRAS = {
     "cryptography": "https",
     "distributed": "cluster",
     "foxglove": "foxglove",
+    "lupa": "lua",
     "matplotlib": "report",
     "mcap": "record",
     "optuna": "optimize",

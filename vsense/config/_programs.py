@@ -16,7 +16,7 @@ from vsense.base.xml.element import Element, shown
 from vsense.config import argos
 from vsense.robots import finding
 from vsense.robots.build import BuildError, cache_directory, source_tree
-from vsense.robots.compiling import CXX_SUFFIXES
+from vsense.robots.compiling import CXX_SUFFIXES, LUA
 from vsense.robots.sources import (
     ARGOS_PAGE,
     CONTROLLER,
@@ -36,6 +36,8 @@ from vsense.world.sensors.base import MountedSensor
 from vsense.world.sensors.range_and_bearing import RangeAndBearingSensor
 
 _SOURCES, _INCLUDE = "vs:sources", "vs:include"
+_MAX_UP = 4
+"""Folders above the experiment's from which a script may be named."""
 
 
 def read(element: Element, folder: Path, code: CodeOptions) -> tuple[str, ProgramSources]:
@@ -75,8 +77,7 @@ def _read(element: Element, folder: Path, code: CodeOptions) -> tuple[str, Progr
     if named is not None:
         return element.text("library", element.name), named
     if element.name == argos.LUA and not element.has("library"):
-        element.warn(f"is Lua, which runs on no robot: they stand still; see {argos.PORTING_PAGE}")
-        return argos.STAND_STILL, source_tree().program(argos.STAND_STILL)
+        return _of_script(element, folder)
     if not element.has("library"):
         program = finding.find("", element.name, folder, _headers(element, folder, code))
         if program is not None:
@@ -187,6 +188,24 @@ def _of_library(
     return port, source_tree().program(port, folder)
 
 
+def _of_script(element: Element, folder: Path) -> tuple[str, ProgramSources]:
+    """The program of a script in Lua, whose path ARGoS takes from where it is started: it is looked
+    for from the experiment's folder, from the current one, and from those above the first."""
+    params = element.optional_child("params")
+    script = "" if params is None else params.peek("script") or ""
+    if params is None or not script:
+        element.warn("has no <params script=...>: the robots stand still, as in ARGoS")
+        return argos.STAND_STILL, source_tree().program(argos.STAND_STILL)
+    given = os.path.expanduser(os.path.expandvars(script))
+    for place in (folder, Path.cwd(), *folder.resolve().parents[:_MAX_UP]):
+        path = place / given
+        if path.is_file():
+            if path.suffix != LUA:
+                raise params.error(f"{shown(script)} is no .lua file", "script")
+            return script, ProgramSources((path.resolve(),))
+    raise params.error(f"there is no file {shown(script)}", "script")
+
+
 def argos_lines(
     element: Element,
     params: Element | None,
@@ -229,6 +248,7 @@ def _one_line(text: str) -> str:
 
 
 _TEXT = re.compile(rb'"([A-Za-z_][\w.:-]*)"')
+_WORD = re.compile(rb"([A-Za-z_]\w*)")
 
 
 def check_added(params: Element | None, program: ProgramSources) -> None:
@@ -238,7 +258,9 @@ def check_added(params: Element | None, program: ProgramSources) -> None:
     """
     if params is None:
         return
-    texts = {text.decode() for path in program.own_files() for text in _TEXT.findall(content(path))}
+    pattern = _WORD if program.is_lua else _TEXT
+    files = program.sources if program.is_lua else program.own_files()
+    texts = {text.decode() for path in files for text in pattern.findall(content(path))}
     for element in params.walk():
         for key in element.added - texts:
             raise element.error(f"no source of its program reads it; {instead(key, texts)}", key)

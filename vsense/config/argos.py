@@ -6,7 +6,7 @@ sensors.
 
 A C++ library is built from its sources where they are found (`vsense.robots.finding`), or a port of
 its name runs instead: `libforaging.so` becomes `foraging.c` or `foraging.cpp`, a file beside the
-experiment or a shipped controller. Lua scripts run on no robot here.
+experiment or a shipped controller. Lua scripts run on the host.
 """
 
 from __future__ import annotations
@@ -271,12 +271,16 @@ def is_built_for_argos(library: str) -> bool:
     return _LIBRARY.fullmatch(library) is not None
 
 
-def is_cpp(controller: Element, named: tuple[str, ProgramSources]) -> bool:
-    """Whether a controller is C++ for ARGoS, without a port in its place: what it declares is meant
-    as ARGoS means it, also where its sources are not found and robots stand still."""
+def is_for_argos(controller: Element, named: tuple[str, ProgramSources]) -> bool:
+    """Whether a controller is C++ or Lua for ARGoS, without a port in its place.
+
+    What it declares is meant as ARGoS means it, also where its sources are not found and robots
+    stand still.
+    """
     library, program = named
     written = controller.peek("library") or ""
-    return program.is_argos or (library == STAND_STILL and is_built_for_argos(written))
+    stands = library == STAND_STILL and is_built_for_argos(written)
+    return program.is_argos or program.is_lua or stands
 
 
 def ported_controller(library: str, folder: Path) -> str | None:

@@ -198,7 +198,7 @@ def _read_controllers(
 ) -> tuple[ControllerSpec, ...]:
     controllers = _used_controllers(root.child("controllers"), bodies)
     read = [_programs.read(element, scope.folder, serves.code) for element in controllers]
-    cpp = [argos.is_cpp(element, program) for element, program in zip(controllers, read)]
+    cpp = [argos.is_for_argos(element, program) for element, program in zip(controllers, read)]
     settings = [_settings(controller, bodies) for controller in controllers]
     stage, virtual, _ = serves
     devices = read_devices(controllers, scope, media, settings, stage, virtual, cpp)
@@ -241,7 +241,7 @@ def _read_controller(
     argos_lines = ""
     if params is not None:
         _programs.check_names(params)
-    if program.is_argos:
+    if program.is_argos or program.is_lua:
         _programs.check_added(params, program)
         settings = _programs.settings(params)
         argos_lines = _programs.argos_lines(element, params, devices.sensors, devices.actuators)

@@ -13,7 +13,7 @@ from vsense.base.errors import VsenseError, likely
 from vsense.base.users_code import UsersCode
 from vsense.robots import hosted
 from vsense.robots.hosted import HostedProgram
-from vsense.robots.inprocess import ControllerFailure, SimError
+from vsense.robots.inprocess import SimError
 from vsense.robots.link.table import Table
 from vsense.robots.python_robot import Robot
 from vsense.robots.sources import ProgramSources
@@ -35,8 +35,7 @@ def build_program(program: ProgramSources) -> Path:
 class PythonProgram(HostedProgram):
     """All robots of a run whose controller is a file in Python; see `CompiledProgram`.
 
-    A robot whose controller raises an exception stands from then on, which is logged and is one of
-    `failures`; the others go on. Where all have, or the class for all of them has, nobody can.
+    A robot whose controller raises an exception stands, see `HostedProgram.each`.
     """
 
     def __init__(
@@ -54,7 +53,6 @@ class PythonProgram(HostedProgram):
         Raises:
             SimError: it cannot be read, fails, or has no class that controls robots.
         """
-        self._failures = dict[int, str]()
         super().__init__(library, tags, table, timestep_ns, seed, params, progress)
         self._code = UsersCode(library, _located)
         self._class, self._is_for_all = _class_of(self._code, self._code.load(_module(library)))
@@ -83,32 +81,13 @@ class PythonProgram(HostedProgram):
         self._controllers[number].step(self._views[number])
 
     def _each(self, act: Callable[[int], None]) -> None:
-        """Has the controllers that have not failed do something, and notes which does."""
         with self._code.beside():
-            for number in range(len(self._views)):
-                if number in self._failures:
-                    continue
-                self.notes[1] = number + 1
-                try:
-                    act(number)
-                except KeyboardInterrupt:
-                    raise
-                except BaseException as error:
-                    self._fail(number, error)
-        self.notes[1] = 0
+            self.each(act, self._is_for_all)
 
-    def _fail(self, number: int, error: BaseException) -> None:
+    def explained(self, error: BaseException) -> str:
+        """See `HostedProgram.explained`."""
         words = str(self._code.caused(error))
-        words = words.removeprefix(os.path.dirname(words.partition(":")[0]) + "/")
-        self._failures[number] = words
-        if self._is_for_all or len(self._failures) == len(self.tags):
-            raise ControllerFailure(self.tags[number], self.controller, words) from error
-        self.swarm.rest(number)
-        self.swarm.log(number, f"its controller has failed: {words}")
-
-    def failures(self) -> dict[int, str]:
-        """By tag why a controller has failed, whose robot stands since then."""
-        return {self.tags[row]: words for row, words in self._failures.items()}
+        return words.removeprefix(os.path.dirname(words.partition(":")[0]) + "/")
 
     def end(self) -> None:
         """See `Program.end`."""

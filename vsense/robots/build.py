@@ -244,7 +244,7 @@ def own_sources() -> str:
 
 def on_robots(program: ProgramSources) -> ProgramSources:
     """What robots run of it: where it is Python, the controller that the host drives."""
-    return source_tree().program(REMOTE) if program.is_python else program
+    return source_tree().program(REMOTE) if program.is_hosted else program
 
 
 def daemon(

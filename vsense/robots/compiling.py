@@ -33,7 +33,7 @@ CXXFLAGS = ("-std=c++17", *SECTIONS, *PLAIN, "-fno-threadsafe-statics")
 """For a controller in C++; the user's own CXXFLAGS come after them. Exceptions and their tables
 would more than double the daemon, and nothing on a robot has two threads."""
 
-CXX_SUFFIXES, PYTHON, POLICY = (".cpp", ".cc", ".cxx"), ".py", ".onnx"
+CXX_SUFFIXES, PYTHON, LUA, POLICY = (".cpp", ".cc", ".cxx"), ".py", ".lua", ".onnx"
 PROGRAM_SUFFIXES = (".c", *CXX_SUFFIXES, PYTHON, POLICY)
 """Of a controller's file, in the order in which they are looked for."""
 

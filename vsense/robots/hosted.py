@@ -7,17 +7,16 @@ limits of what a robot may do and when it must stand. Before it, `act` reads and
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from vsense.base.native import ffi, lib
 from vsense.robots import build
 from vsense.robots.inprocess import (
     PROGRESS_BYTES,
     CompiledProgram,
+    ControllerFailure,
     ProgramKernel,
     declarations,
     functions,
@@ -28,6 +27,14 @@ from vsense.robots.python_swarm import HostedRobots, Swarm
 
 _HOST = "stand_still"
 """The controller in C that leaves alone what its host sets."""
+
+OWN_ENTRIES = 200
+"""From this id on a table's entries are the robots' own devices, for who drives real ones."""
+MESSAGE = "message"
+"""Of these, what a robot's board says to others: the length and the bytes."""
+
+STEP_MAX_S = 3.0
+"""What controllers may take for a control step; real robots stand meanwhile, without commands."""
 
 
 def build_host() -> Path:
@@ -57,11 +64,11 @@ class HostedProgram(CompiledProgram):
         progress = bytearray(PROGRESS_BYTES) if progress is None else progress
         built, self._name = build_host(), library.stem
         super().__init__(built, tags, table, timestep_ns, seed, params, progress)
-        self.notes = np.frombuffer(progress, dtype=np.uint32)
+        self.notes = memoryview(progress).cast("B").cast("I")
         counts = _counts(table, Direction.SENSOR), _counts(table, Direction.ACTUATOR)
         robots = HostedRobots(functions(built, "hosted"), self._all, len(self.tags), self._memory)
         self.swarm = Swarm(robots, self.tags, timestep_ns * 1e-9, *counts)
-        self._begun, self._raised = False, None
+        self._begun, self._raised, self._failures = False, None, dict[int, str]()
         self._step_of_c = ffi.callback(declarations()["vs_inprocess_step"], self._step_for_c)
 
     _raised: BaseException | None
@@ -74,6 +81,42 @@ class HostedProgram(CompiledProgram):
     @abstractmethod
     def act(self) -> None:
         """Reads what the swarm senses, and sets what it does in this control step."""
+
+    def each(self, act: Callable[[int], None], are_one: bool = False) -> None:
+        """Has every robot whose controller has not failed do something, and notes which does.
+
+        One that raises an exception stands from then on, which is logged and is one of `failures`;
+        `are_one`: there is one controller for all of them.
+
+        Raises:
+            ControllerFailure: no robot can go on.
+        """
+        for number in range(1 if are_one else len(self.tags)):
+            if number in self._failures:
+                continue
+            self.notes[1] = number + 1
+            try:
+                act(number)
+            except KeyboardInterrupt:
+                raise
+            except BaseException as error:
+                self._fail(number, error, are_one)
+        self.notes[1] = 0
+
+    def _fail(self, number: int, error: BaseException, are_one: bool) -> None:
+        words = self._failures[number] = self.explained(error)
+        if are_one or len(self._failures) == len(self.tags):
+            raise ControllerFailure(self.tags[number], self.controller, words) from error
+        self.swarm.rest(number)
+        self.swarm.log(number, f"its controller has failed: {words}")
+
+    def explained(self, error: BaseException) -> str:
+        """What an exception in a controller means, with file and line."""
+        return str(error)
+
+    def failures(self) -> dict[int, str]:
+        """See `Program.failures`."""
+        return {self.tags[row]: words for row, words in self._failures.items()}
 
     def begin(self) -> None:
         """See `Program.begin`."""
@@ -119,5 +162,8 @@ class HostedProgram(CompiledProgram):
 
 def _counts(table: Table, direction: Direction) -> dict[str, int]:
     """How many numbers the entries have, by name."""
-    layouts = {e.name: e.layout for e in table.entries if e.direction == direction}
+    rows = [e for e in table.entries if e.direction == direction]
+    layouts = {
+        e.name: e.layout for e in rows if e.id < OWN_ENTRIES or direction == Direction.ACTUATOR
+    }
     return {n: int(layout.rpartition("*")[0] or 1) for n, layout in layouts.items()}

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from vsense.base.errors import UsageError
 from vsense.base.readings import SensorReadings
 from vsense.robots import build
-from vsense.robots.compiling import CXX_SUFFIXES, POLICY, PYTHON
+from vsense.robots.compiling import CXX_SUFFIXES, LUA, POLICY, PYTHON
 from vsense.robots.inprocess import CompiledProgram, ProgramKernel
 from vsense.robots.link.table import Table
 from vsense.robots.link.wire import ShownData, Wanted
@@ -129,8 +129,23 @@ def _open_python(*arguments: Any, **named: Any) -> Program:
     return _python_program.PythonProgram(*arguments, **named)
 
 
-_PYTHON = ProgramKind(_build_python, _open_python)
-KINDS_BY_SUFFIX = dict.fromkeys((".c", *CXX_SUFFIXES, POLICY), _COMPILED) | {PYTHON: _PYTHON}
+def _build_lua(sources: ProgramSources) -> Path:
+    from vsense.robots import _lua_program  # likewise
+
+    return _lua_program.build_program(sources)
+
+
+def _open_lua(*arguments: Any, **named: Any) -> Program:
+    from vsense.robots import _lua_program
+
+    return _lua_program.LuaProgram(*arguments, **named)
+
+
+_HOSTED = {
+    PYTHON: ProgramKind(_build_python, _open_python),
+    LUA: ProgramKind(_build_lua, _open_lua),
+}
+KINDS_BY_SUFFIX = dict.fromkeys((".c", *CXX_SUFFIXES, POLICY), _COMPILED) | _HOSTED
 """Kinds by the suffix of a controller's first source."""
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from vsense.robots.python_swarm import Floats, Swarm, SwarmActuator, SwarmReading, SwarmWalk
+from vsense.robots.python_swarm import RGB, Floats, Swarm, SwarmActuator, SwarmReading, SwarmWalk
 
 
 class Reading:
@@ -125,6 +125,12 @@ class Robot:
     def set_leds(self, leds: int) -> None:
         """Which LEDs are on, see `Leds`; bit n of the ring is LED n."""
         self._swarm.set_leds_of(self._row, leds)
+
+    def set_rgb(self, led: int, red: float, green: float, blue: float) -> None:
+        """Colour of LED 0 to 3, 0 to 255 each, where it has some; nothing in a simulation."""
+        for channel, level in enumerate((red, green, blue)):
+            if RGB in self._swarm.actuates:
+                self._swarm.actuator(RGB).set_of(self._row, finite(level), 3 * led + channel)
 
     def random(self) -> float:
         """Uniform in [0, 1), of this robot's own generator."""

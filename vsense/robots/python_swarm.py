@@ -50,11 +50,12 @@ MAX_TEXT_BYTES = 4096
 """Of all parameters together. Source: robot/controller.h."""
 
 OWN_COUNTS = {
-    "proximity": 8, "light": 8, "battery_low": 1, "ground": 3, "wheels": 2, "range_and_bearing": 30,
-    "accelerometer": 3, "microphones": 3, "battery": 1, "gyroscope": 3, "distance": 1,
+    "proximity": 8, "light": 8, "battery_low": 1, "ground": 3, "wheels": 2, "range_and_bearing": 31,
+    "accelerometer": 3, "microphones": 4, "battery": 1, "gyroscope": 3, "distance": 1,
 }  # fmt: skip
-"""How many numbers the robots' own sensors have. Source: robot/base_sensors.c."""
+"""How many numbers the robots' own sensors have at most. Source: robot/base_sensors.c."""
 
+RGB = "+rgb"  # the actuator of robots that are driven from here: three levels for each of four LEDs
 _NEVER_NS = 2**64 - 1
 _MOST_STEPS_S = 32767.0
 
@@ -176,6 +177,11 @@ class SwarmActuator:
             raise IndexError(f"number {index} of an actuator that has {self._count}")
         self._values[rows, index], self._changed[rows] = values, True
 
+    def set_all(self, values: Floats, where: ArrayLike = True) -> None:
+        """Sets all of its numbers, (n, k), for the robots of `where`."""
+        rows = self._swarm.rows(where)
+        self._values[rows], self._changed[rows] = values[rows, : self._count], True
+
     def rest(self, robot: int) -> None:
         """All numbers of one robot are 0."""
         self._values[robot], self._changed[robot] = 0.0, True
@@ -235,6 +241,7 @@ class Swarm:
     Attributes:
         tags: (n,) the robots.
         timestep_s: [s] length of a timestep; control steps are about that far apart.
+        offered, actuates: how many numbers the virtual sensors and actuators have, by name.
     """
 
     def __init__(
@@ -245,9 +252,9 @@ class Swarm:
         counts: Mapping[str, int],
         actuator_counts: Mapping[str, int],
     ) -> None:
-        """`counts` has the numbers of the virtual sensors, by their names in the table."""
+        """See the attributes; a fused sensor has its "+"."""
         self.tags, self.timestep_s, self.steps = np.array(tags), timestep_s, 0
-        self.runtime, self._counts, self._actuator_counts = runtime, counts, actuator_counts
+        self.runtime, self.offered, self.actuates = runtime, counts, actuator_counts
         self._readings = dict[str, SwarmReading]()
         self._actuators = dict[str, SwarmActuator]()
         self._walk: SwarmWalk | None = None
@@ -261,14 +268,14 @@ class Swarm:
     def sensor(self, name: str) -> SwarmReading:
         """Binds a sensor by name; of one that nobody offers the reading is not known."""
         if name not in self._readings:
-            count = self._counts.get(name, self._counts.get(f"+{name}", OWN_COUNTS.get(name, 1)))
+            count = self.offered.get(name, self.offered.get(f"+{name}", OWN_COUNTS.get(name, 1)))
             self._readings[name] = SwarmReading(self, name, count)
         return self._readings[name]
 
     def actuator(self, name: str) -> SwarmActuator:
         """Binds a virtual actuator by name."""
         if name not in self._actuators:
-            self._actuators[name] = SwarmActuator(self, name, self._actuator_counts.get(name, 1))
+            self._actuators[name] = SwarmActuator(self, name, self.actuates.get(name, 1))
         return self._actuators[name]
 
     def walk(self) -> SwarmWalk:
@@ -323,6 +330,15 @@ class Swarm:
         """The same of one robot, by its place."""
         self._leds[robot], self._leds_set[robot] = leds, True
 
+    def set_rgb(
+        self, led: int, red: ArrayLike, green: ArrayLike, blue: ArrayLike, where: ArrayLike = True
+    ) -> None:
+        """Colour of LED 0 to 3, 0 to 255 each, see `vs_robot_set_rgb`; nothing in a simulation."""
+        if RGB not in self.actuates:
+            return
+        for channel, levels in enumerate((red, green, blue)):
+            self.actuator(RGB).set(levels, 3 * led + channel, where)
+
     def random_of(self, robot: int) -> float:
         """The next random number of one robot, by its place."""
         return float(self.random(np.arange(len(self)) == robot)[robot])
@@ -344,9 +360,8 @@ class Swarm:
         IndexError: there is none.
         """
         if not 0 <= robot < len(self):
-            raise IndexError(
-                f"robot {robot}: expected its place in swarm.tags, 0 to {len(self) - 1}"
-            )
+            expected = f"expected its place in swarm.tags, 0 to {len(self) - 1}"
+            raise IndexError(f"robot {robot}: {expected}")
         self.runtime.call("log", robot, line)
 
     def rows(self, where: ArrayLike) -> Rows:

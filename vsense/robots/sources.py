@@ -116,9 +116,14 @@ class ProgramSources:
         return any(registers(p, m) for p in self.sources for m in (CONTROLLER, LOOP_FUNCTIONS))
 
     @property
-    def is_python(self) -> bool:
-        """Whether it is a file in Python, which the host runs."""
-        return self.sources[0].suffix == ".py"
+    def is_hosted(self) -> bool:
+        """Whether it is a file in Python or Lua, which the host runs."""
+        return self.sources[0].suffix in (".py", ".lua")
+
+    @property
+    def is_lua(self) -> bool:
+        """Whether it is a script for ARGoS."""
+        return self.sources[0].suffix == ".lua"
 
     @property
     def is_policy(self) -> bool:

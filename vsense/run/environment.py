@@ -18,6 +18,7 @@ from vsense.config.arena import floor_of, make_field
 from vsense.config.placement import settle
 from vsense.config.specs import ControllerSpec, Experiment, Stage
 from vsense.robots.link.table import Direction, Entry, Table
+from vsense.robots.link.wire import ShownData
 from vsense.run.cxx_loop import CxxLoopFunctions, LoopHost
 from vsense.world.actuators.bank import NO_SENDERS, ActuatorBank
 from vsense.world.loop_functions import Hooks, LoopFunctions
@@ -59,6 +60,9 @@ def table_of(sensors: SensorBank, actuators: ActuatorBank) -> Table:
     entries = [Entry(e.id, e.name, e.layout, Direction.SENSOR) for e in sensors.table]
     entries += [Entry(e.id, e.name, e.layout, Direction.ACTUATOR) for e in actuators.table]
     return Table(entries)
+
+
+NO_TIMES: Mapping[int, int] = {}
 
 
 class Environment:
@@ -141,7 +145,7 @@ class Environment:
     def _remote_swarm(self) -> RemoteSwarm | None:
         experiment = self.experiment
         controllers = {experiment.controller_of(robot).id for robot in experiment.robots}
-        own = [c for c in experiment.controllers if c.id in controllers and c.program.is_python]
+        own = [c for c in experiment.controllers if c.id in controllers and c.program.is_hosted]
         if not own or experiment.stage is Stage.SIM:
             return None
         from vsense.run.remote import RemoteSwarm  # 20 ms
@@ -157,6 +161,11 @@ class Environment:
     def commands(self) -> Mapping[int, TimedReadings]:
         """What robots that are driven from here are sent in place of what they sense, by tag."""
         return {} if self._remote is None else self._remote.commands
+
+    @property
+    def shown(self) -> Mapping[int, ShownData]:
+        """What the controllers of robots that are driven from here show to people, by tag."""
+        return {} if self._remote is None else self._remote.shown
 
     def logged(self) -> list[tuple[str, str]]:
         """What the controllers that run here logged since the last call: the robot, and words."""
@@ -210,6 +219,7 @@ class Environment:
         run_timestep: int,
         reports: Mapping[int, bytes],
         senders: Mapping[int, bytes] = NO_SENDERS,
+        heard_ns: Mapping[int, int] = NO_TIMES,
     ) -> SwarmReadings:
         """Runs one timestep; before the run nothing acts or evolves, but everything is sensed.
 
@@ -218,16 +228,16 @@ class Environment:
             run_timestep: timestep of the run, from 0; negative before it.
             reports: by tag, the actuators' block of the newest report; other robots are silent.
             senders: by tag, who reports, where more than one robot may have had the tag.
+            heard_ns: by tag, when each report came; who is not in it: with the arena state.
 
         Returns:
-            By tag what every robot senses: (value, capture time) per sensor, in the order of
-            its controller's table.
+            By tag what every robot senses, in the order of its controller's table.
 
         Raises:
             VsenseError: something in the virtual world has failed; the run cannot go on.
         """
         world, swarm, remote = self.world, self._swarm, self._remote
-        reports = reports if remote is None else remote.hear(reports)
+        reports = reports if remote is None else remote.hear(reports, heard_ns, state.capture_ns)
         if swarm is not None:
             swarm.move(world, state.capture_ns)
             reports = {**reports, **swarm.reports}
@@ -235,9 +245,8 @@ class Environment:
         if run_timestep >= 0:
             self.pre_step()
             self.act(reports, senders)
-        readings = SwarmReadings(
-            {part.controller: part.sensors.encode(world, state.timestep) for part in self.equipment}
-        )
+        encoded = ((p.controller, p.sensors.encode(world, state.timestep)) for p in self.equipment)
+        readings = SwarmReadings(dict(encoded))
         for driven in (swarm, remote):
             if driven is not None:
                 driven.control(state, run_timestep, readings)

@@ -80,7 +80,7 @@ def expected_robots(
         robot.tag: ExpectedRobot(
             robot.id,
             tables[c.id],
-            "" if c.program.is_python else c.params_for(robot.id),
+            "" if c.program.is_hosted else c.params_for(robot.id),
             programs[c.id],
             other_programs,
             robot.tag in exact,

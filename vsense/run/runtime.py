@@ -240,7 +240,9 @@ class Runtime:
         reports = self._server.reports()
         payloads = {tag: report.payload for tag, report in reports.items()}
         senders = {tag: report.uid for tag, report in reports.items()}
-        self.readings = self._environment.step(state, run_timestep, payloads, senders)
+        heard_ns = {tag: report.heard_ns for tag, report in reports.items()}
+        self.readings = self._environment.step(state, run_timestep, payloads, senders, heard_ns)
+        self._server.show(self._environment.shown)
         self._count += 1
         orders = 0 if self.changes is None else self.changes.carried
         return GivenDeeds(self._count - 1, payloads, senders, orders)

@@ -36,13 +36,15 @@ def ring_headings(ring: Ring, robots: Robots) -> Floats:
     return np.asarray(robots["yaw_rad"][:, None] + ring.places_rad)
 
 
-def ring_points(ring: Ring, robots: Robots) -> Floats:
+def ring_points(
+    ring: Ring, robots: Robots, radius_m: float = RING_RADIUS_M, height_m: float = RING_HEIGHT_M
+) -> Floats:
     """Places of the sensors of robots (n,): (n, k, 3) [m] in the arena."""
     headings = ring_headings(ring, robots)
     points = np.empty((*headings.shape, 3))
-    points[..., 0] = robots["x_m"][:, None] + RING_RADIUS_M * np.cos(headings)
-    points[..., 1] = robots["y_m"][:, None] + RING_RADIUS_M * np.sin(headings)
-    points[..., 2] = RING_HEIGHT_M
+    points[..., 0] = robots["x_m"][:, None] + radius_m * np.cos(headings)
+    points[..., 1] = robots["y_m"][:, None] + radius_m * np.sin(headings)
+    points[..., 2] = height_m
     return points
 
 
@@ -61,7 +63,8 @@ def proximity(sensor: ProximitySensor, world: World, robots: Robots) -> Floats:
     if sensor.field_of_view_rad > 0.0:
         fan = sensor.field_of_view_rad / 2.0 * np.linspace(-1.0, 1.0, RAYS)
     headings = ring_headings(sensor.ring, robots)[:, :, None] + fan
-    starts = np.repeat(ring_points(sensor.ring, robots)[:, :, None, :], len(fan), axis=2)
+    place = (0.035, 0.06) if sensor.generic else (RING_RADIUS_M, RING_HEIGHT_M)
+    starts = np.repeat(ring_points(sensor.ring, robots, *place)[:, :, None, :], len(fan), axis=2)
     ends = starts.copy()
     ends[..., 0] += sensor.range_m * np.cos(headings)
     ends[..., 1] += sensor.range_m * np.sin(headings)

@@ -95,7 +95,7 @@ def _wanted(recording: RunNotes, experiment: Experiment, steps: NDArray[np.void]
 def _sensors_of(experiment: Experiment, robot: RobotSpec) -> list[str]:
     """What the robot's daemon is sent."""
     controller = experiment.controller_of(robot)
-    if controller.program.is_python:
+    if controller.program.is_hosted:
         return [COMMAND]
     return [mounted.sensor.name for mounted in controller.sensors]
 

@@ -90,7 +90,7 @@ def of_files(task: Task) -> dict[str, str]:
         files[experiment.loop_functions.path] = None
         programs += [p for p in [experiment.loop_functions.program] if p is not None]
     for program in programs:
-        if program.is_python:  # the experiment names it, so `named_files` has what it imports
+        if program.is_hosted:  # the experiment names it, so `named_files` has what it imports
             files.update(dict.fromkeys(program.sources))
             continue
         sources = build.source_tree().runtime(program).dependencies(native())
@@ -101,11 +101,12 @@ def of_files(task: Task) -> dict[str, str]:
 
 
 _QUOTED = re.compile(r"\"([^\"<]*)\"|'([^'<]*)'")
+_REQUIRED = re.compile(r"\brequire\s*\(?\s*[\"']([\w./-]+)[\"']")
 
 
 def named_files(path: Path) -> list[Path]:
-    """An experiment's file, every file that an attribute in it names, and what Python among them
-    imports from beside it.
+    """An experiment's file, every file that an attribute in it names, and what Python and Lua among
+    them import from beside them.
 
     The file is not parsed: ARGoS's files need not be well-formed.
     """
@@ -115,13 +116,21 @@ def named_files(path: Path) -> list[Path]:
     values = {html.unescape(double or single) for double, single in quoted}
     named = (path.parent / value for value in sorted(values) if value and len(value) < MAX_NAME)
     files = dict.fromkeys([path, *(file for file in named if file.is_file())])
-    waiting = [file for file in files if file.suffix == ".py"]
+    waiting = [file for file in files if file.suffix in (".py", ".lua")]
     while waiting:
-        imported = _imported(waiting.pop(), path.parent)
+        file = waiting.pop()
+        imported = _required(file) if file.suffix == ".lua" else _imported(file, path.parent)
         more = [other for other in imported if other not in files]
         waiting += more
         files.update(dict.fromkeys(more))
     return list(files)
+
+
+def _required(file: Path) -> list[Path]:
+    """What a script in Lua may require from beside it: NAME.lua or NAME/init.lua, as in ARGoS."""
+    names = (name.replace(".", "/") for name in _REQUIRED.findall(_text(file)))
+    places = (file.parent / f"{name}{end}" for name in names for end in (".lua", "/init.lua"))
+    return [place for place in places if place.is_file()]
 
 
 def _imported(file: Path, folder: Path) -> list[Path]:

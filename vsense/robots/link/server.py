@@ -28,7 +28,7 @@ from vsense.robots.link.status import (
     RobotStatus,
 )
 from vsense.robots.link.table import STAY, ExpectedRobot, Goal
-from vsense.robots.link.wire import GoodbyeCause, ReadingValues, Wanted
+from vsense.robots.link.wire import GoodbyeCause, ReadingValues, ShownData, Wanted
 
 __all__ = ["LinkError", "LinkEvent", "RobotStatus", "VirtualSensorServer"]
 
@@ -84,6 +84,7 @@ class VirtualSensorServer:
         self._goodbye = (GoodbyeCause.END, "")
         self._ordered_ns = clock()
         self._held_ns: dict[int, int] = {}
+        self._shown: Mapping[int, ShownData] = {}
 
     def start(self) -> int:
         """Takes the port on TCP and UDP and begins to serve; returns the port's number.
@@ -214,8 +215,15 @@ class VirtualSensorServer:
                 orders = self._roster.orders
                 wanted, held = orders.of(tag).wanted, orders.held.get(tag, "")
                 ordered_ns = max(self._ordered_ns, self._held_ns.get(tag, 0))
+            if tag in self._shown and status.telemetry is not None:
+                shows = replace(status.telemetry, shown=self._shown[tag])
+                status = replace(status, telemetry=shows)
             statuses[tag] = replace(status, wanted=wanted, ordered_ns=ordered_ns, held=held)
         return statuses
+
+    def show(self, shown: Mapping[int, ShownData]) -> None:
+        """What controllers on the host show of their robots, by tag: their robots show nothing."""
+        self._shown = dict(shown)
 
     def measure(self) -> None:
         """Begins to measure the links of all robots, from now on."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 from vsense.base.errors import VsenseError
@@ -23,10 +23,12 @@ class ActuatorReport:
     Attributes:
         uid: who reports: another robot with the same tag has counters of its own.
         payload: the actuators' block, in the sensor table's order.
+        heard_ns: when it came, host's clock.
     """
 
     uid: bytes
     payload: bytes
+    heard_ns: int = field(default=0, compare=False)
 
 
 class Reporter:
@@ -34,7 +36,7 @@ class Reporter:
 
     def __init__(self) -> None:
         self._uid = b""
-        self._newest: tuple[int, Telemetry] | None = None
+        self._newest: tuple[int, Telemetry, int] | None = None
         self._control_step: int | None = None
         self._acted_ns = 0
 
@@ -48,7 +50,7 @@ class Reporter:
 
     def receive(self, header: Header, telemetry: Telemetry, now_ns: int) -> None:
         """Takes accepted telemetry that came at now_ns, host's clock."""
-        self._newest = header.run, telemetry
+        self._newest = header.run, telemetry, now_ns
         if telemetry.control_step != self._control_step:
             self._control_step, self._acted_ns = telemetry.control_step, now_ns
 
@@ -56,8 +58,10 @@ class Reporter:
         """Gives the robot's report of a run; None if none still counts at `now_ns`."""
         if self._newest is None or now_ns - self._acted_ns >= LIFE_NS:
             return None
-        of_run, telemetry = self._newest
-        return ActuatorReport(self._uid, telemetry.payload) if of_run == run else None
+        of_run, telemetry, heard_ns = self._newest
+        if of_run != run:
+            return None
+        return ActuatorReport(self._uid, telemetry.payload, heard_ns)
 
 
 class LogLines:

@@ -47,6 +47,7 @@ _PURPOSES = {
     "cluster": "campaigns on several machines (--on)",
     "completion": "completion in a shell",
     "foxglove": "runs and replays in Foxglove (--foxglove)",
+    "lua": "controllers of ARGoS in Lua",
     "notebook": "runs that play in notebooks",
     "learn": "learning in simulation (vsense.parallel_env)",
     "optimize": "searches for the best settings (vsense optimize)",

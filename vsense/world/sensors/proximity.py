@@ -21,12 +21,13 @@ stretches the curve.
 
 ARGoS's `<epuck_proximity>`, mounted where the robots have no ring of their own, gives the same,
 times 4096, in the real robot's order, from ARGoS's places; the foot-bot's is the same here. Of the
-generic `<proximity>` a thing at distance d gives exp(-d). The e-puck's sensors stand 1 mm before
-its body, and ARGoS's lines meet only what they enter: a robot that touches another does not see it
-with the sensor nearest to the touch. So do these, since it counts in a swarm: 20 robots that forage
-in a ring of 2.5 m brought home 5 % less without. Source: argos3-epuck 66cb8d9,
+generic `<proximity>`, which ARGoS's own e-puck has, a thing at distance d gives exp(-d), and its
+sensors see 0.1 m far from the body's edge. The other e-puck's stand 1 mm before its body, and
+ARGoS's lines meet only what they enter: a robot that touches another does not see it with the
+sensor nearest to the touch. So do these, since it counts in a swarm: 20 robots that forage in a
+ring of 2.5 m brought home 5 % less without. Source: argos3-epuck 66cb8d9,
 epuck_proximity_default_sensor.cpp lines 143-150; argos3 421bd76, proximity_default_sensor.cpp line
-140, epuck_entity.cpp lines 112-135, Chipmunk's cpShape.c lines 138-159.
+140, epuck_entity.cpp lines 23-35 and 112-135, Chipmunk's cpShape.c lines 138-159.
 """
 
 from __future__ import annotations
@@ -59,6 +60,7 @@ RANGE_M = 0.05
 
 ARGOS_FULL = 4096.0
 """What ARGoS calls 1, in the unit of the robot's own ring. Source: controller.h"""
+_GENERIC_RANGE_M, _GENERIC_RADIUS_M, _GENERIC_HEIGHT_M = 0.1, 0.035, 0.06
 
 _RAYS = 7
 _CONE_DEG = 60.0
@@ -73,7 +75,8 @@ class ProximitySensor:
 
     With `virtual_only` physical things are left to the real ring. With a `field_of_view_rad` of 0
     each sensor looks along one line. The largest reading is `full`; the `generic` curve is that of
-    ARGoS for any robot. With `blind_within` a sensor does not see the body that it lies within.
+    ARGoS for any robot, and the place of the ring that of its own e-puck. With `blind_within` a
+    sensor does not see the body that it lies within.
     """
 
     ring: Ring
@@ -118,8 +121,8 @@ class _ProximityRing:
             "rays": len(fan),
             "places_rad": places_rad,
             "fan_rad": fan_rad,
-            "radius_m": RING_RADIUS_M,
-            "height_m": RING_HEIGHT_M,
+            "radius_m": _GENERIC_RADIUS_M if sensor.generic else RING_RADIUS_M,
+            "height_m": _GENERIC_HEIGHT_M if sensor.generic else RING_HEIGHT_M,
             "range_m": sensor.range_m,
             "share": RANGE_M / sensor.range_m,
             "full": sensor.full,
@@ -167,6 +170,7 @@ def from_argos(element: Element, scope: Scope) -> ProximitySensor:
         name="proximity",
         layout=f"{len(ring)}*f4",
         virtual_only=False,
+        range_m=_GENERIC_RANGE_M if generic else RANGE_M,
         full=ARGOS_FULL,
         generic=generic,
         blind_within=True,
