@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from vsense.modes.sim.job import Setup, Sweep
     from vsense.modes.sim.stepping import SteppedSimulation
     from vsense.monitor.recording.reader import open_recording
+    from vsense.robots.policy import save_policy
     from vsense.robots.python_robot import Robot
     from vsense.robots.python_swarm import Leds, Swarm
     from vsense.studies.live_run import LiveRun
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from vsense.studies.series.campaign import run as run_campaign
     from vsense.studies.series.compare import compare
     from vsense.studies.series.optimize import optimize
+    from vsense.tools.camera_setup.photographs import detect
     from vsense.vision.cameras.camera import Camera
     from vsense.world.actuators.base import VirtualActuator
     from vsense.world.entities import Box, Cylinder, Light, VirtualRobot, Zone
@@ -67,6 +69,7 @@ PLACES = {
     "World": "vsense.world.world",
     "Zone": "vsense.world.entities",
     "compare": "vsense.studies.series.compare",
+    "detect": "vsense.tools.camera_setup.photographs",
     "interruption": "vsense.base.terminal",
     "load": "vsense.studies.notebook:load_experiment",
     "make_report": "vsense.studies.report.report",
@@ -75,6 +78,7 @@ PLACES = {
     "parallel_env": "vsense.studies.notebook",
     "read_truth": "vsense.modes.lab.truth",
     "run_campaign": "vsense.studies.series.campaign:run",
+    "save_policy": "vsense.robots.policy",
 }
 """The module of each public name, and its name there where that is another one."""
 
@@ -108,6 +112,7 @@ __all__ = [
     "World",
     "Zone",
     "compare",
+    "detect",
     "interruption",
     "load",
     "make_report",
@@ -116,6 +121,7 @@ __all__ = [
     "parallel_env",
     "read_truth",
     "run_campaign",
+    "save_policy",
 ]
 
 

@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 
 from scripts.site.contents import ROOT
-from tests.config.tables import OWN_SENSOR, at_the_original, with_the_rest
+from tests.config.tables import OWN_ACTUATOR, OWN_SENSOR, at_the_original, with_the_rest
 from vsense.base.errors import ConfigError
 from vsense.base.xml.element import Element
 from vsense.config import argos
@@ -139,6 +139,7 @@ def _samples() -> Iterator[Callable[[], object]]:
         (folder / name).touch()
     (folder / "doors.py").write_text("class Doors:\n    def reset(self, world): ...\n")
     (folder / "own.py").write_text(OWN_SENSOR)
+    (folder / "act.py").write_text(OWN_ACTUATOR)
     cv2.imwrite(str(folder / "floor.png"), np.zeros((4, 6, 3), dtype=np.uint8))
     tests = ROOT / "tests" / "config"
     full = (tests / "full.argos").read_text()

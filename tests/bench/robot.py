@@ -6,14 +6,17 @@ report lists what could not be measured.
 
 from __future__ import annotations
 
+import itertools
 import re
 import select
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from tests.bench import robot_calls
 from tests.rigs.processes import children
@@ -22,7 +25,9 @@ from vsense.modes.lab._microcontrollers import Microcontrollers
 from vsense.robots import boards
 from vsense.robots.boards import TARGETS, toolchain
 from vsense.robots.build import FAST_PARTS, SHIPPED_CONTROLLER, cache_directory, source_tree
-from vsense.robots.compiling import BuildError, Sources, native
+from vsense.robots.compiling import BuildError, Sources, Toolchain, native
+from vsense.robots.policy import c_of, save_policy
+from vsense.robots.sources import ProgramSources
 
 SIZE_MAX = 100_000
 """[byte] of the daemon for ARMv5 with a controller in it."""
@@ -37,6 +42,12 @@ a clock more than if the base were read only once the timestep has come."""
 SHOWN = 208
 """[byte] that a controller shows when it is counted what that costs."""
 
+POLICY_WIDTHS = (16, 32, 32, 2)
+"""Of the policy whose instructions are counted: light and proximity, two layers, two wheels."""
+
+POLICY_MAX = 300_000
+"""Instructions of that policy in a control step on ARMv5."""
+
 STEPS = 1000
 CALL_STEPS = 200
 HERE = Path(__file__).parent
@@ -48,7 +59,7 @@ def run(say: Say) -> dict[str, Any]:
     """Measures everything that can be measured here.
 
     Returns:
-        `sizes` [byte] by target, `step_instructions`, `shown_byte` [instructions],
+        `sizes` [byte] by target, `step_instructions`, `shown_byte`, `policy` [instructions],
         `step_calls`, `memory_kb` of both processes on this machine; None where something is
         missing, and `missing` says what.
     """
@@ -62,6 +73,7 @@ def run(say: Say) -> dict[str, Any]:
             "step_instructions": step_instructions(Path(folder), say, missing),
             "step_max": STEP_MAX,
             "shown_byte": _shown_byte(Path(folder)),
+            "policy": policy_instructions(Path(folder), POLICY_WIDTHS),
             "step_calls": _step_calls(Path(folder) / "epuck", say, missing),
             "calls_max": CALLS_MAX,
             "memory_kb": _memory_kb(Path(folder) / "host", say) if sizes["host"] else None,
@@ -85,6 +97,9 @@ def table(report: dict[str, Any]) -> str:
     cost = report["shown_byte"]
     counted = f"{cost} instructions" if cost else "not counted"
     lines.append(f"  and of every byte that a controller shows in every step: {counted}")
+    cost, widths = report["policy"], "-".join(map(str, POLICY_WIDTHS))
+    counted = f"{cost:,} of {POLICY_MAX:,} allowed" if cost else "not counted"
+    lines.append(f"  and of a learnt policy of {widths} numbers, with tanh: {counted}")
     calls = report["step_calls"]
     counted = f"{calls} of {report['calls_max']} allowed" if calls else "not counted"
     lines.append(f"system calls of a control step at 10 Hz, all processes: {counted}")
@@ -136,6 +151,38 @@ def _shown_byte(folder: Path) -> float | None:
     return round((_cost(qemu, folder, "show") - _cost(qemu, folder, "live")) / SHOWN, 1)
 
 
+def policy_program(path: Path, compiler: Toolchain, folder: Path) -> Path:
+    """Builds a program in which an `.onnx` file thinks without a robot: see `policy_steps.c`."""
+    source, program = folder / f"{path.stem}.c", folder / f"{path.stem}-steps"
+    source.write_text(c_of(path) + (HERE / "policy_steps.c").read_text())
+    tree = source_tree()
+    own = [path for path in tree.runtime_sources() if path.stem != "inprocess"]
+    Sources(own, ProgramSources((source,)), tree.includes(), fast=FAST_PARTS).link(
+        compiler, program
+    )
+    return program
+
+
+def policy_instructions(folder: Path, widths: Sequence[int]) -> int | None:
+    """Instructions of a control step of a policy with layers of so many numbers, and tanh.
+
+    After `step_instructions`, whose plug-in it takes.
+    """
+    qemu = shutil.which("qemu-arm")
+    if qemu is None or not (folder / "icount.so").exists():
+        return None
+    random, path = np.random.default_rng(1), folder / "counted.onnx"
+    shapes = itertools.pairwise(widths)
+    save_policy(path, [(random.normal(0, n**-0.5, (n, m)), np.zeros(m), "tanh") for n, m in shapes])
+    program = policy_program(path, toolchain(TARGETS["epuck"], cache_directory()), folder)
+    seen = random.random(widths[0], np.float32).tobytes()
+    few, many = (
+        _instructions(qemu, folder / "icount.so", [str(program), str(n)], seen)[0]
+        for n in (STEPS // 100, STEPS // 10)
+    )
+    return round((many - few) / (STEPS // 10 - STEPS // 100))
+
+
 def _cost(qemu: str, folder: Path, mode: str) -> float:
     """Instructions of a step; of two lengths, so that start and end are not in it."""
     program, plugin = folder / "steps", folder / "icount.so"
@@ -177,18 +224,24 @@ def _build_plugin(plugin: Path) -> None:
 
 
 def _count(qemu: str, plugin: Path, program: Path, mode: str, steps: int) -> int:
-    """Runs a program on the emulated processor; returns how many instructions it took."""
-    command = [qemu, "-cpu", "arm926", "-plugin", str(plugin), "-d", "plugin"]
+    """Runs `robot_steps` on the emulated processor; returns how many instructions it took."""
+    count, lived = _instructions(qemu, plugin, [str(program), mode, str(steps)])
+    if mode != "host" and int(lived) != steps:
+        raise BuildError(f"robot_steps lived {lived.decode().strip()} of {steps} control steps")
+    return count
+
+
+def _instructions(
+    qemu: str, plugin: Path, program: Sequence[str], given: bytes = b""
+) -> tuple[int, bytes]:
+    """Runs a program on the emulated processor; its instructions, and what it wrote."""
+    command = [qemu, "-cpu", "arm926", "-plugin", str(plugin), "-d", "plugin", *program]
     # Without an environment: its size would shift the count.
-    done = subprocess.run(
-        [*command, str(program), mode, str(steps)], capture_output=True, text=True, env={}
-    )
-    found = re.search(r"^instructions: (\d+)$", done.stderr, re.M)
+    done = subprocess.run(command, capture_output=True, input=given, env={})
+    found = re.search(rb"^instructions: (\d+)$", done.stderr, re.M)
     if done.returncode != 0 or found is None:
-        raise BuildError(f"{' '.join(command)} failed: {done.stderr.strip()}")
-    if mode != "host" and int(done.stdout) != steps:
-        raise BuildError(f"robot_steps lived {done.stdout.strip()} of {steps} control steps")
-    return int(found[1])
+        raise BuildError(f"{' '.join(command)} failed: {done.stderr.decode().strip()}")
+    return int(found[1]), done.stdout
 
 
 def _memory_kb(program: Path, say: Say) -> int:

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.config.tables import OWN_SENSOR
+from tests.config.tables import OWN_ACTUATOR, OWN_SENSOR
 from vsense.config.experiment import read
 from vsense.config.specs import Experiment
 
@@ -89,6 +89,7 @@ def read_full(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Experim
     (folder / "mine.c").touch()
     (folder / "doors.py").write_text("class Doors:\n    def reset(self, world): ...\n")
     (folder / "own.py").write_text(OWN_SENSOR)
+    (folder / "act.py").write_text(OWN_ACTUATOR)
     cv2.imwrite(str(folder / "floor.png"), np.zeros((4, 6, 3), dtype=np.uint8))
 
     def read_experiment(text: str, settings: Mapping[str, str] | None = None) -> Experiment:

@@ -6,6 +6,20 @@ import re
 from collections.abc import Iterator
 from typing import NamedTuple
 
+OWN_ACTUATOR = """
+from vsense import Scale
+
+
+class Horn:
+    name, layout, scale = "horn", "u1", Scale()
+
+    def apply(self, world, rows, values, increments): ...
+
+
+def from_xml(element, scope):
+    return Horn()
+"""
+
 OWN_SENSOR = """
 import numpy as np
 class Own:
@@ -176,6 +190,7 @@ def with_the_rest(full: str) -> str:
         ('vs:latency="0.05"', ""),
         ("</framework>", '<vs:tracker format="lines" host="0.0.0.0" port="4041" /></framework>'),
         ("</sensors>", '<vs:sensor file="own.py" /></sensors>'),
+        ("</actuators>", '<vs:actuator file="act.py" /></actuators>'),
         ('source="image" path="floor.png"', 'source="loop_functions" pixels_per_meter="50"'),
         ("<virtual_rgb_ground_sensor", '<virtual_rgb_ground_sensor real_experiment="true"'),
         ("<epuck_proximity", '<epuck_proximity calibrated="true" noise_level="0.1"'),

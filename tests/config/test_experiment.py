@@ -148,7 +148,7 @@ SENSOR = "virtual_pollutant_sensor"
         ('config="mine" /></e', 'config="yours" /></e', 37, "controller 'yours'; there are: mine"),
         ('library="mine.c"', 'library="yours.c"', 9, "library: no controller 'yours.c'.*pollutant"),
         ('library="mine.c"', f'library="{"x" * 5000}.c"', 9, "library: .*xxx"),
-        ('library="mine.c"', 'library="x.py"', 9, "'x.py': expected .* a .c, .cpp or .py file"),
+        ('library="mine.c"', 'library="x.py"', 9, "'x.py': expected .*py or .onnx file"),
         ('library="mine.c"', 'library="build/mine"', 9, "no controller 'build/mine'"),
         ('library="mine.c"', 'library="a&#10;b.c"', 9, r"no controller 'a\\nb.c'"),
         ('family="arrow4x4"', 'family="qr"', 41, "family: 'qr' is not one of: .*arrow4x4"),

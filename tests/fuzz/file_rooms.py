@@ -1,5 +1,5 @@
 """Rooms of files that people write: experiments, tracking sessions, cameras, marker families, lists
-of robots, keys and tokens, tables."""
+of robots, keys and tokens, tables, learnt policies."""
 
 from __future__ import annotations
 
@@ -18,7 +18,9 @@ from vsense.config import resources as resources_file
 from vsense.config.description import describe
 from vsense.monitor.ui.access import read_tokens
 from vsense.robots import key_holders
+from vsense.robots._policy_graph import Op
 from vsense.robots.link import keys
+from vsense.robots.policy import PolicyError, read_policy
 from vsense.studies.series import _plan
 from vsense.vision.calibration._views import read_corners
 from vsense.vision.cameras._recordings import read_timestamps
@@ -238,3 +240,29 @@ def tables(random: Random, folder: Path) -> None:
     data = mutate.text(random, source).encode("utf-8", "surrogatepass")
     path.write_bytes(mutate.raw(random, data) if random.random() < 0.2 else data)
     read(path)
+
+
+def prepare_policy(folder: Path) -> tuple[Path, list[bytes]]:
+    """Where a changed policy is written, and what exporters have made."""
+    made = sorted((HERE.parent / "data" / "policies").glob("*.onnx"))
+    return folder / "walk.onnx", [path.read_bytes() for path in made]
+
+
+def policy(random: Random, scene: tuple[Path, list[bytes]]) -> None:
+    """What is read calculates within its memory, whatever a file says."""
+    path, sources = scene
+    path.write_bytes(mutate.raw(random, random.choice(sources)))
+    try:
+        found = read_policy(path)
+    except PolicyError as error:
+        assert str(error).startswith(f"{path}: ")
+        raise
+    assert found.c_source("walk").count("{VS_POLICY_") == len(found.steps)
+    assert found.inputs > 0 and 0 < found.outputs <= found.memory - found.action
+    for step in found.steps:
+        assert 0 <= step.start <= found.memory - step.inputs
+        assert 0 <= step.target <= found.memory - step.outputs
+        assert 0 <= step.operand <= found.memory - (step.outputs if step.operand else 0)
+        wanted = {Op.DENSE: (step.inputs + 1) * step.outputs, Op.CLIP: 2}
+        assert step.weights is None or step.weights.size == wanted.get(step.op, step.outputs)
+        assert step.op is Op.DENSE or step.inputs == step.outputs

@@ -37,6 +37,7 @@ ROOMS: dict[str, Room] = {
     "py-family": Room(file_rooms.prepare_family, file_rooms.family),
     "py-lists": Room(file_rooms.prepare_lists, file_rooms.lists),
     "py-tables": Room(file_rooms.prepare_tables, file_rooms.tables),
+    "py-policy": Room(file_rooms.prepare_policy, file_rooms.policy),
     "py-lines": Room(link_rooms.prepare_nothing, link_rooms.lines),
     "py-original": Room(link_rooms.prepare_nothing, link_rooms.original),
     "py-legacy": Room(link_rooms.prepare_nothing, link_rooms.legacy),

@@ -36,6 +36,7 @@ from vsense.monitor.ui.access import read_tokens
 from vsense.robots import key_holders
 from vsense.robots.link import keys
 from vsense.robots.link.trackers import lines
+from vsense.robots.policy import read_policy
 from vsense.run.runs_csv import read_runs
 from vsense.studies.benchmark import _comparing
 from vsense.studies.packages._archive import MANIFEST, Package
@@ -103,6 +104,7 @@ READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "recording": ("mcap", recording),
     "package": ("zip", package),
     "origin": ("zip", origin.read),
+    "policy": ("onnx", read_policy),
 }
 
 
@@ -260,7 +262,36 @@ def _zip(files: dict[str, bytes], manifest: bytes | None = None) -> bytes:
     return target.getvalue()
 
 
+def onnx() -> Hostile:
+    """Messages of protocol buffers: of a graph, a node, a constant or an attribute many parts."""
+
+    def message(number: int, data: bytes) -> bytes:
+        size = bytes(
+            [len(data) >> shift & 127 | (128 if shift < 21 else 0) for shift in (0, 7, 14, 21)]
+        )
+        return bytes([number << 3 | 2]) + size + data
+
+    size = SIZE - 64
+    for name, piece in {
+        "nodes": message(1, b"\x12\x01y"),
+        "constants": message(5, b"\x10\x01"),
+        "inputs": message(11, b"\x0a\x01x"),
+        "outputs": message(12, b"\x0a\x01y"),
+        "inputs of a node": b"\x0a\x01x",
+        "depth": b"\x0a",
+        "wholes": b"\x80",
+    }.items():
+        yield name, message(7, filled(piece, size=size))
+        yield f"{name} in a node", message(7, message(1, filled(piece, b"\x12\x01y", size=size)))
+        yield f"{name} in a constant", message(7, message(5, filled(piece, size=size)))
+    for number in (1, 4, 5, 7, 9):
+        yield f"field {number}", message(7, message(5, message(number, bytes(size)) + b"\x10\x01"))
+        attribute = message(1, b"\x12\x01y" + message(5, message(number, bytes(size))))
+        yield f"attribute {number}", message(7, attribute)
+
+
 FORMS: dict[str, Callable[[], Hostile]] = {
+    "onnx": onnx,
     "xml": xml,
     "toml": toml,
     "json": as_json,

@@ -64,7 +64,8 @@ def requirements() -> list[Requirement]:
         project = tomlkit.load(file).unwrap()["project"]
     extras = project["optional-dependencies"]
     lines = [*project["dependencies"], *(line for extra in EXTRAS for line in extras[extra])]
-    return [Requirement(line) for line in lines]
+    # Extras that take other extras bring nothing of their own with those.
+    return [Requirement(line) for line in lines if not line.startswith("vsense[")]
 
 
 def pins() -> list[Requirement]:

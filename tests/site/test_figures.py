@@ -7,15 +7,10 @@ import re
 import numpy as np
 import pytest
 
-from scripts.site.blocks import blocks
 from scripts.site.contents import ROOT
-from tests.conftest import States
 from vsense.vision.markers.families import load_family
 from vsense.vision.tracking.marker_detector import cell_width
-from vsense.world.actuators.bank import ActuatorBank
-from vsense.world.actuators.base import MountedActuator
 from vsense.world.physics.motion import MAX_SPEED_STEPS_S, STEP_M
-from vsense.world.world import World
 
 DAY = (ROOT / "vsense" / "modes" / "live" / "LAB.md").read_text()
 COLUMNS = ("arrow4x4", "apriltag_36h11", "aruco_4x4_50")
@@ -60,17 +55,3 @@ def test_how_often_loss_stops_a_robot() -> None:
     """Eight packets in a row of 20 per second, lost at random."""
     hours = [1 / (p**8 * 20) / 3600 for p in (0.1, 0.2)]
     assert hours[0] > 2 * 30 * 24 * 0.9 and hours[1] == pytest.approx(5.5, abs=0.2)
-
-
-def test_the_actuator_of_the_page_counts(state: States) -> None:
-    text = (ROOT / "vsense" / "EXTENDING.md").read_text()
-    (code,) = (block for block in blocks(text) if block.file == "clicker.py")
-    made: dict[str, object] = {"__name__": "clicker"}
-    exec(compile(code.text, "clicker.py", "exec", dont_inherit=True), made)
-    assert made["ELEMENTS"] == ("virtual_clicker_actuator",)
-    actuator = made["from_xml"](None, None)  # type: ignore[operator]
-    world, bank = World([5]), ActuatorBank([MountedActuator(actuator, 1)], [5])
-    for timestep, count in enumerate((2, 2, 5)):
-        world.update(state({5: (0.0, 0.0, 0.0)}, (timestep + 1) * 10**8), timestep)
-        bank.apply(world, {5: np.array([count], "<u4").tobytes()})
-    assert world.results["clicks"] == 5

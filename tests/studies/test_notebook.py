@@ -6,7 +6,7 @@ import json
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -43,34 +43,70 @@ def teach(**how: int) -> Any:
     return names["learn"](**how), names
 
 
+def learnt_experiment(folder: Path) -> Path:
+    """The copy of the shipped one as the page describes it, for learnt.onnx in the same folder."""
+    assert cli.main(["new", "--from", "phototaxis", str(folder / "learnt")]) == 0
+    path = folder / "learnt" / "learnt.argos"
+    text = path.read_text().replace('library="learnt.c"', 'library="learnt.onnx"')
+    assert "learnt.onnx" in text
+    path.write_text(re.sub(r"<params .*/>", "", text))
+    (folder / "learnt.onnx").rename(path.with_name("learnt.onnx"))
+    return path
+
+
 def test_the_page_teaches_a_swarm_which_then_drives(folder: Path) -> None:
     weights, names = teach(generations=2, pairs=2)
-    assert weights.shape == (20,) and names["distance_m"](weights, 1) > 0.0
-    np.save("learnt.npy", weights)
-    (folder / "learnt.py").write_text(FILES["learnt.py"])
-    (folder / "loops.py").write_bytes((SHIPPED / "phototaxis.py").read_bytes())
-    text = (SHIPPED / "phototaxis.argos").read_text()
-    text = text.replace('library="phototaxis.py"', 'library="loops.py"')
-    text = text.replace('library="phototaxis"', 'library="learnt.py"')
-    (folder / "learnt.argos").write_text(re.sub(r"<params .*/>", "", text))
-    run = load_experiment("learnt.argos", robots=5, duration_s=30).simulate(1, "out")
-    with vsense.SteppedSimulation(names["EXPERIMENT"], 1) as sim:
-        light = sim.swarm.sensor("light")
-        while not sim.done:
-            assert np.array_equal(sim.poses, run.poses[sim.timestep])
-            left, right = 1000 * names["wheels"](weights, light.values).T
-            sim.swarm.set_wheels(left, right)
+    assert weights.shape == (34,) and names["distance_m"](weights, 1) > 0.0
+    matrix, bias = names["layer"](weights)
+    vsense.save_policy("learnt.onnx", [(matrix, bias, "tanh")])
+    check_drives(learnt_experiment(folder), lambda seen: np.tanh(seen @ matrix + bias))
+
+
+def check_drives(path: Path, act: Callable[[Any], Any]) -> None:
+    """Asserts that robots of an experiment move as arrays of observations (n, 16) tell them to."""
+    experiment = load_experiment(path, robots=5, duration_s=5)
+    run = experiment.simulate(1, "out")
+    with vsense.SteppedSimulation(load_experiment("phototaxis", robots=5).experiment, 1) as sim:
+        light, ring = sim.swarm.sensor("light"), sim.swarm.sensor("proximity")
+        for poses in run.poses:
+            # A wheel that is a step per second faster for 5 s is 0.6 mm ahead.
+            assert np.abs(sim.poses[:, :2] - poses[:, :2]).max() < 0.001
+            seen = np.hstack((light.values, ring.values))
+            sim.swarm.set_wheels(*(1000 * act(seen)).T)
             sim.step()
+    assert np.ptp(run.poses[:, :, :2], axis=0).max() > 0.02
 
 
 @pytest.mark.campaign
-def test_a_swarm_learns_to_go_to_the_light() -> None:
+def test_a_swarm_learns_to_go_to_the_light_and_does_in_the_lab(folder: Path) -> None:
     weights, names = teach()
     with_light, blind = (
         np.mean([names["distance_m"](weights, seed, blind) for seed in range(1, 6)])
         for blind in (False, True)
     )
     assert with_light < 0.2 < 0.8 < blind
+    vsense.save_policy("learnt.onnx", [(*names["layer"](weights), "tanh")])
+    words = ["--robots", "5", "--duration", "30", "--port", "0", "-o", "out"]
+    assert cli.main(["lab", str(learnt_experiment(folder)), *words]) == 0
+    distances = FinishedRun(Path("out")).measured["light_distance_m"]
+    assert np.mean(distances[len(distances) // 3 :]) < 0.3
+
+
+@pytest.mark.campaign
+def test_what_the_page_exports_from_pytorch_drives(folder: Path) -> None:
+    torch = pytest.importorskip("torch")
+    pytest.importorskip("onnxscript")
+    page = (ROOT / "vsense" / "EXTENDING.md").read_text()
+    names: dict[str, Any] = {}
+    exec(re.findall(r"`export.py`:\n\n```python\n(.*?)```", page, re.S)[0], names)
+    (folder / "walk.onnx").rename("learnt.onnx")
+    torch.manual_seed(1)
+    net = names["Walk"]().eval()
+
+    def act(seen: Any) -> Any:
+        return net(torch.tensor(seen, dtype=torch.float32)).detach().numpy()
+
+    check_drives(learnt_experiment(folder), act)
 
 
 LAB = 4
@@ -83,10 +119,10 @@ LAB = 4
 def test_the_page_runs_as_it_is(number: int, capsys: pytest.CaptureFixture[str]) -> None:
     exec(compile(BLOCKS[number], "page", "exec"), {})
     out, err = capsys.readouterr()
-    assert out.count("\n") == (4, 2, 3, 1, 2, 1, 1)[number] and err == ""
+    assert out.count("\n") == (4, 2, 3, 1, 2, 1, 1, 4)[number] and err == ""
     # What stands behind a line as a comment is what it printed.
     said = re.findall(r"print\(.*\)\s*# ([({\[][^:]*[)}\]](?=$|:)|{.*})", BLOCKS[number], re.M)
-    assert len(said) == (3, 0, 0, 0, 0, 0, 0)[number]
+    assert len(said) == (3, 0, 0, 0, 0, 0, 0, 0)[number]
     assert all(text in out for text in said)
 
 

@@ -81,8 +81,8 @@ def _add_build(parser: argparse.ArgumentParser) -> None:
     kinds = "; ".join(f"{target.name}: {target.help}" for target in boards.TARGETS.values())
     what = parser.add_mutually_exclusive_group(required=True)
     text = (
-        "the controller's .c or .cpp file, a shipped controller's name, or for ARGoS a library"
-        " whose files --sources names, or a folder of sources"
+        "the controller's .c, .cpp or .onnx file, a shipped controller's name, or for ARGoS a"
+        " library whose files --sources names, or a folder of sources"
     )
     _arguments.option(what, "--controller", str, "FILE", text)
     text = (
@@ -142,7 +142,7 @@ def _add_what(parser: argparse.ArgumentParser) -> None:
         parser, "--binary", Path, "FILE", "the daemon, from `vsense robot build` (default: vsensed)"
     )
     text = (
-        "replace the controller alone: build a daemon with this .c or .cpp file, or"
+        "replace the controller alone: build a daemon with this .c, .cpp or .onnx file, or"
         " shipped controller, for --target, and send that; settings and service stay as they are"
     )
     _arguments.option(parser, "--controller", str, "FILE", text)

@@ -81,7 +81,7 @@ def _read(element: Element, folder: Path, code: CodeOptions) -> tuple[str, Progr
         program = finding.find("", element.name, folder, _headers(element, folder, code))
         if program is not None:
             return element.name, program
-    expected = "a shipped controller's name or the path of a .c or .cpp file"
+    expected = "a shipped controller's name or the path of a .c, .cpp, .py or .onnx file"
     library = element.text("library", None, expected)
     if argos.is_built_for_argos(library):
         return _of_library(element, library, folder, code)

@@ -13,7 +13,7 @@ from vsense.base.files import PACKAGE_FOLDER, read_bytes
 from vsense.base.native import lib
 from vsense.base.xml.element import Element
 from vsense.base.xml.parsing import parse
-from vsense.config import _programs, argos
+from vsense.config import _programs, argos, policies
 from vsense.config._framework import collect, read_loop_functions, read_rest, read_run, read_tracker
 from vsense.config._population import cast, populate
 from vsense.config._robots import ArenaContents
@@ -267,7 +267,7 @@ def _read_controller(
     size = len(controller.params_for("").encode())
     if params is not None and size > lib.VS_PARAMS_MAX:
         raise params.error(f"has {size} bytes, expected at most {lib.VS_PARAMS_MAX}")
-    return controller
+    return policies.checked(element, controller)
 
 
 def _scope(bodies: ArenaContents, timesteps: int, loop: LoopSpec | None) -> Scope:

@@ -31,7 +31,9 @@ from vsense.robots._cache import cache_directory, known
 from vsense.robots.compiling import (
     CFLAGS,
     CXX_LIBRARIES,
+    CXX_SUFFIXES,
     CXXFLAGS,
+    POLICY,
     PROGRAM_SUFFIXES,
     PYTHON,
     BuildError,
@@ -84,7 +86,7 @@ SIMULATION_PARTS = ("hosted", "inprocess")
 FAST_PARTS = (
     *("vs_body", "vs_clock", "vs_peer", "vs_session", "vs_tag", "vs_wire"),
     *("epuck_argos", "epuck_bytes", "base", "base_serial"),
-    *("guard", "loop", "memory", "robot", "telling"),
+    *("guard", "loop", "memory", "policy", "robot", "telling"),
 )
 """What a control step runs through, of most instructions. All else is compiled to small code."""
 
@@ -194,12 +196,12 @@ class SourceTree:
         path = (beside or Path()) / name
         if path.suffix in PROGRAM_SUFFIXES and path.is_file():
             return path.resolve()
-        kinds = [path.suffix] if path.suffix == PYTHON else PROGRAM_SUFFIXES[:-1]
+        kinds = [path.suffix] if path.suffix in (PYTHON, POLICY) else (".c", *CXX_SUFFIXES)
         names = (p.name for p in path.parent.glob("*") if p.suffix in kinds)
         beside_it = [str(Path(name).with_name(file)) for file in names] if path.suffix else []
         raise UsageError(
-            f"no controller {name!r}: expected the path of a .c, .cpp or .py file, or a shipped"
-            f" one; {instead(name, [*shipped, *beside_it])}"
+            f"no controller {name!r}: expected the path of a .c, .cpp, .py or .onnx file, or a"
+            f" shipped one; {instead(name, [*shipped, *beside_it])}"
         )
 
 
@@ -359,6 +361,10 @@ def _fingerprint(tree: SourceTree, program: ProgramSources, sources: Sources | N
     argos = tree.argos_headers() if program.is_argos else []
     if program.is_argos:
         digest.update(f"{FLAGS}{STANDARD}{program}".encode())
+    if program.is_policy:
+        from vsense.robots.policy import c_of  # with NumPy, which setup.py has none of
+
+        digest.update(c_of(program.sources[0]).encode())
     own = [*_cache.dependencies(sources, compiler), *tree.lab_sources()]
     for path in (*sources.own, *sources.own_cxx, *tree.headers(), *argos, *own):
         digest.update(os.fsencode(path.name) + b"\0" + path.read_bytes() + b"\0")

@@ -24,7 +24,8 @@ SECTIONS = ("-O2", "-ffunction-sections", "-fdata-sections")
 HOST_FLAGS = ("-DVSENSED_SLOW_CLOCK",)
 """Of daemons for this machine, whose clock can be slow for a lab; a robot's cannot."""
 
-CFLAGS = ("-std=c99", "-D_POSIX_C_SOURCE=200809L", *SECTIONS)
+CFLAGS = ("-std=c99", "-D_POSIX_C_SOURCE=200809L", *SECTIONS, "-ffp-contract=off")
+"""No machine fuses two roundings into one: a policy gives the same bits on all of them."""
 
 PLAIN = ("-fno-exceptions", "-fno-rtti")
 
@@ -32,9 +33,8 @@ CXXFLAGS = ("-std=c++17", *SECTIONS, *PLAIN, "-fno-threadsafe-statics")
 """For a controller in C++; the user's own CXXFLAGS come after them. Exceptions and their tables
 would more than double the daemon, and nothing on a robot has two threads."""
 
-CXX_SUFFIXES = (".cpp", ".cc", ".cxx")
-PYTHON = ".py"
-PROGRAM_SUFFIXES = (".c", *CXX_SUFFIXES, PYTHON)
+CXX_SUFFIXES, PYTHON, POLICY = (".cpp", ".cc", ".cxx"), ".py", ".onnx"
+PROGRAM_SUFFIXES = (".c", *CXX_SUFFIXES, PYTHON, POLICY)
 """Of a controller's file, in the order in which they are looked for."""
 
 LIBRARIES = ("-Wl,--gc-sections", "-Wl,--as-needed", "-lm")
@@ -183,6 +183,10 @@ class Sources:
     def _c_file(self, toolchain: Toolchain, out: Path, source: Path, flags: Sequence[str]) -> str:
         """Compiles a program's file in C; BuildError: it is refused, or is no controller."""
         target = out.with_name(f"{out.name}_{source.stem}.o")
+        if self.program.is_policy:
+            from vsense.robots.policy import write_c  # with NumPy, which setup.py has none of
+
+            source = write_c(source, target.with_suffix(".c"))
         flags = [*toolchain.debug, *(flag for flag in flags if flag.startswith("-f"))]
         self.compile(toolchain, source, target, flags)
         if words := _compiled.fault(target, source):
@@ -274,10 +278,9 @@ class Sources:
         Raises:
             BuildError: the compiler does not find one of them.
         """
-        if self.program.is_argos:
+        if self.program.is_argos or self.program.is_policy:
             return self.program.own_files()
-        (source,) = self.program.sources
-        asked = ["-MM", "-MT", "it", str(source)]
+        asked = ["-MM", "-MT", "it", *map(str, self.program.sources)]
         if self.is_cxx:
             rule = self._run(toolchain.for_cxx(), CXXFLAGS, [*own_cxxflags(), *asked])
         else:

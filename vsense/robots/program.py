@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from vsense.base.errors import UsageError
 from vsense.base.readings import SensorReadings
 from vsense.robots import build
-from vsense.robots.compiling import CXX_SUFFIXES, PYTHON
+from vsense.robots.compiling import CXX_SUFFIXES, POLICY, PYTHON
 from vsense.robots.inprocess import CompiledProgram, ProgramKernel
 from vsense.robots.link.table import Table
 from vsense.robots.link.wire import ShownData, Wanted
@@ -130,7 +130,7 @@ def _open_python(*arguments: Any, **named: Any) -> Program:
 
 
 _PYTHON = ProgramKind(_build_python, _open_python)
-KINDS_BY_SUFFIX = dict.fromkeys((".c", *CXX_SUFFIXES), _COMPILED) | {PYTHON: _PYTHON}
+KINDS_BY_SUFFIX = dict.fromkeys((".c", *CXX_SUFFIXES, POLICY), _COMPILED) | {PYTHON: _PYTHON}
 """Kinds by the suffix of a controller's first source."""
 
 

@@ -1,7 +1,8 @@
 """What drives a robot, as source code: its files, folders of headers, and which class of ARGoS's.
 
 A program is one C or C++ file that defines `vs_controller` (robot/controller.h), or any number of
-C++ files for ARGoS, in which REGISTER_CONTROLLER names a class and its label.
+C++ files for ARGoS, in which REGISTER_CONTROLLER names a class and its label; or a file in Python,
+or a learnt policy.
 """
 
 from __future__ import annotations
@@ -25,6 +26,9 @@ ARGOS = "argos3/"
 
 CONTROLLER = "REGISTER_CONTROLLER"
 LOOP_FUNCTIONS = "REGISTER_LOOP_FUNCTIONS"
+
+_WEIGHTS = ".onnx"
+"""The suffix of a learnt policy, of which a build makes C."""
 
 MAX_NAME_BYTES = 31
 """[byte] of a controller's name. Source: c_src/vs_table.h."""
@@ -117,13 +121,18 @@ class ProgramSources:
         return self.sources[0].suffix == ".py"
 
     @property
+    def is_policy(self) -> bool:
+        """Whether it is a learnt policy."""
+        return self.sources[0].suffix == _WEIGHTS
+
+    @property
     def name(self) -> str:
         """How people call it."""
         return self.label or self.sources[0].stem
 
     @property
     def short_name(self) -> str:
-        """The same as a robot tells it, where it is written for ARGoS."""
+        """The same as a robot tells it, where it is written for ARGoS, or learnt."""
         return self.name.encode()[:MAX_NAME_BYTES].decode(errors="ignore")
 
     def together(self, other: ProgramSources) -> ProgramSources:
@@ -260,7 +269,9 @@ def folders_digest(folders: Iterable[Path]) -> str:
 
 
 def content(path: Path) -> bytes:
-    """A file's bytes; none where it cannot be read."""
+    """A source's bytes; none where it cannot be read, or is no text."""
+    if path.suffix == _WEIGHTS:
+        return b""
     try:
         return _content(path, path.stat().st_mtime_ns)
     except OSError:

@@ -98,9 +98,11 @@ def _stands_in(spec: ControllerSpec, name: str) -> bool:
 
 
 def _parameters(spec: ControllerSpec) -> list[str]:
-    """The parameters that a program reads, as far as its sources show it; with those of walk.h."""
-    walk = build.source_tree().root / "robot" / "walk.c"
-    names = [n for path in [*spec.program.own_files(), walk] for n in _READS.findall(content(path))]
+    """The parameters that a program reads, as far as its sources show it; with those of walk.h, or
+    those of policies."""
+    ours = build.source_tree().root / "robot"
+    ours /= "policy.c" if spec.program.is_policy else "walk.c"
+    names = [n for path in [*spec.program.own_files(), ours] for n in _READS.findall(content(path))]
     return [name.decode(errors="replace") for name in names]
 
 

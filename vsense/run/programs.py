@@ -72,7 +72,7 @@ def _told_program(controller: ControllerSpec) -> ToldProgram:
     program = build.on_robots(controller.program)
     texts = (path.read_text(errors="replace") for path in program.sources if path.is_file())
     names = [match[1] for match in map(_NAME.search, texts) if match]
-    if program.is_argos:
+    if program.is_argos or program.is_policy:
         names = [program.short_name]
     digest = ""
     with suppress(BuildError):

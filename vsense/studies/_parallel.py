@@ -15,16 +15,15 @@ from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
 from vsense.base.errors import UsageError, instead, require
+from vsense.config import policies
 from vsense.config.specs import Experiment
 from vsense.modes.sim.stepping import Reward, SteppedSimulation, check_steppable
 from vsense.robots.python_swarm import Leds, SwarmActuator, SwarmReading
 from vsense.run.environment import MOST_SEED
-from vsense.world.sensors.base import scale_of
 
 _MOST_STEPS_S = 1000.0
 """What every robot's motors can do. Source: robot/controller.h."""
 _RENDER_MODES = ("human", "rgb_array")
-_RING, _RING_RAW = "proximity", 4096.0
 
 Observations = dict[str, NDArray[np.float32]]
 Infos = dict[str, dict[str, Any]]
@@ -66,10 +65,13 @@ class SwarmEnvironment(ParallelEnv[str, NDArray[np.float32], NDArray[np.float32]
         self._experiment, self._reward, self._seed = experiment, reward, 0
         self._actuators, self._leds = actuators, leds
         _check_actuators(actuators, experiment)
-        self._names, low, high = _observed(experiment)
+        bounds = policies.observed(experiment.controllers[0])
+        self._names = [*bounds]
+        low, high = (np.concatenate(edges) for edges in zip(*bounds.values()))
+        low, high = np.minimum(low, 0.0), np.maximum(high, 0.0)
         wide = 2 + len(actuators) + leds
         actions = Box(-1.0, 1.0, (wide,), np.float32)
-        observations = Box(low, high, dtype=np.float32)
+        observations = Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
         self.observation_spaces = dict.fromkeys(self.possible_agents, observations)
         self.action_spaces = dict.fromkeys(self.possible_agents, actions)
 
@@ -197,20 +199,3 @@ def _check_actuators(names: Iterable[str], experiment: Experiment) -> None:
     for name in names:
         if name not in there:
             raise UsageError(f"there is no virtual actuator {name!r}; {instead(name, there)}")
-
-
-def _observed(experiment: Experiment) -> tuple[list[str], NDArray[Any], NDArray[Any]]:
-    """The sensors' names, and the bounds of all their numbers."""
-    controller = experiment.controllers[0]
-    names, bounds = [], []
-    for mounted in controller.sensors:
-        sensor = mounted.sensor
-        count = int(sensor.layout.rpartition("*")[0] or 1)
-        scale = scale_of(sensor)
-        names.append(sensor.name.removeprefix("+"))
-        bounds.append([np.broadcast_to(edge, count) for edge in (scale.low, scale.high)])
-    if _RING not in names and any(device.element.endswith(_RING) for device in controller.devices):
-        names.append(_RING)
-        bounds.append([np.zeros(8), np.full(8, _RING_RAW)])
-    low, high = (np.concatenate(edges) for edges in zip(*bounds))
-    return names, np.minimum(low, 0.0).astype(np.float32), np.maximum(high, 0.0).astype(np.float32)

@@ -83,10 +83,11 @@ def parallel_env(
 ) -> SwarmEnvironment:
     """Makes an environment; see `vsense.load` for the first four.
 
-    Observations are float32, sensor after sensor in the order of the file, then the robot's own
-    ring where the file has `<epuck_proximity>`: the numbers that a controller reads, 0 where they
-    are not known yet. Actions are in -1..1: left and right wheel, 1 is 1000 steps/s (12.9 cm/s);
-    then one for each of `actuators`; then one for the LEDs, which are on where it is above 0.
+    Observations are float32, sensor after sensor in the order of the file, then "proximity", the
+    robot's own or a virtual one, where the file has it: the numbers that a controller reads, 0
+    where they are not known yet. Actions are in -1..1: left and right wheel, 1 is 1000 steps/s
+    (12.9 cm/s); then one for each of `actuators`; then one for the LEDs, which are on where it is
+    above 0. A learnt policy (`.onnx`) observes and acts the same way.
 
     Args:
         reward: name of a measure of the experiment, whose increase in a step every robot is given;

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import csv
 import json
+import os
+import re
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
+import vsense
 from tests.vision.tracking.real import DATA
 from vsense import cli
+from vsense.base.errors import VsenseError
 from vsense.tools.camera_setup import photographs
 from vsense.vision.tracking import squares
 from vsense.vision.tracking.squares import SquareFinder
@@ -245,6 +250,56 @@ def test_candidates_are_the_same_in_one_part_and_in_many(monkeypatch: pytest.Mon
         assert np.abs(row["corners_px"] - truth[int(row["tag"])]).max() < 0.25
     monkeypatch.setattr(squares, "_TOGETHER", 7)
     assert finder.find(whole).tobytes() == rows.tobytes()
+
+
+def test_from_python_an_array_and_its_file_give_what_the_command_prints(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    image, truth = draw("DICT_4X4_50", [3, 17, 40], 1)
+    path = tmp_path / "a.png"
+    cv2.imwrite(str(path), image)
+    coloured = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
+    assert cli.main(["camera", "markers", "find", str(path), "--family", "4X4_50"]) == 0
+    printed = json.loads(capsys.readouterr().out)["markers"]
+    for picture in (image, coloured, path, str(path)):
+        markers = vsense.detect(picture, "DICT_4X4_50")
+        assert markers["tag"].tolist() == sorted(truth) == [one["tag"] for one in printed]
+        corners = [one["corners_px"] for one in printed]
+        assert np.abs(markers["corners_px"] - corners).max() <= 0.0005
+    assert len(vsense.detect(image, "DICT_4X4_50", least_side_px=400)) == 0
+
+
+def test_from_python_a_dictionary_that_has_changed_is_read_again(tmp_path: Path) -> None:
+    image, _ = draw("DICT_4X4_50", [3, 17], 2)
+    path, words = tmp_path / "own.yml", cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    found = []
+    for count in (1, 20):
+        few = cv2.aruco.Dictionary(words.bytesList[3 : 3 + count], 4, 1)
+        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+        few.writeDictionary(storage)
+        storage.release()
+        os.utime(path, ns=(count, count))
+        found.append(vsense.detect(image, str(path))["tag"].tolist())
+    assert found == [[0], [0, 14]]
+
+
+@pytest.mark.parametrize(
+    ("picture", "family", "side_px", "message"),
+    [
+        (np.zeros((9, 9, 2), np.uint8), "4X4_50", 10, "has 2 channels, expected 1, 3 or 4"),
+        (np.zeros((9, 9)), "4X4_50", 10, "is no picture: float64 of shape (9, 9)"),
+        ([["a"]], "4X4_50", 10, "is no picture: <U1 of shape (1, 1)"),
+        ("none.png", "4X4_50", 10, "none.png cannot be read: No such file or directory"),
+        (np.zeros((9, 9), np.uint8), "4X4_5", 10, "family: '4X4_5' is neither"),
+        (np.zeros((9, 9), np.uint8), "4X4_50", 0, "least_side_px: 0, expected a number of"),
+        (np.zeros((9, 9), np.uint8), "4X4_50", float("nan"), "least_side_px: nan, expected"),
+    ],
+)
+def test_from_python_what_cannot_be_used_is_told(
+    picture: Any, family: str, side_px: float, message: str
+) -> None:
+    with pytest.raises(VsenseError, match=re.escape(message)):
+        vsense.detect(picture, family, side_px)
 
 
 def test_sheets_want_numbers_and_a_file(capsys: pytest.CaptureFixture[str]) -> None:

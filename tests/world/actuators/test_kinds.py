@@ -46,6 +46,7 @@ def test_the_shipped_actuators_are_found() -> None:
         "virtual_cleaning_actuator",
         "virtual_leds_actuator",
         "virtual_range_and_bearing_actuator",
+        "vs:actuator",
     }
 
 

@@ -1,4 +1,4 @@
-"""The tutorial of vsense/world/sensors/README.md, done exactly as it is written there."""
+"""The tutorials of world/sensors/README.md and EXTENDING.md, done exactly as they are written."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from vsense.robots.inprocess import CompiledProgram
 from vsense.robots.link.wire import Wanted
 from vsense.run.environment import Environment
 
+EXTENDING = Path(vsense.__file__).parent / "EXTENDING.md"
 README = Path(vsense.__file__).parent / "world" / "sensors" / "README.md"
 FILE = re.compile(r"^`([\w.]+)`:\n\n```\w+\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 TAGS = [31, 1843, 4334, 7167]
@@ -102,3 +103,29 @@ def test_every_shipped_sensor_is_in_its_table_with_its_file() -> None:
     }
     assert {element: file for element, file, _ in rows} == made
     assert all(shown == linked for _, shown, linked in rows)
+
+
+@pytest.mark.parametrize(
+    ("heading", "names"),
+    [
+        ("An actuator", ["clicker.py", "clicks.argos", "meets.py"]),
+        ("Loop functions", ["lamp.py", "lamp.argos"]),
+    ],
+)
+def test_the_tutorials_of_extending_run(tmp_path: Path, heading: str, names: list[str]) -> None:
+    section = EXTENDING.read_text().partition(f"\n## {heading}\n")[2].partition("\n## ")[0]
+    files = dict(FILE.findall(section))
+    assert list(files) == names
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
+    (file,) = tmp_path.glob("*.argos")
+    assert load(file).warnings == ()
+    run = vsense.load(file).simulate(seed=1, output=tmp_path / "out")
+    assert run.valid
+    if heading == "An actuator":
+        clicks = run.measured["clicks"]
+        assert clicks[0] == 0 and np.diff(clicks).min() == 0 and 10 < clicks[-1] < 200
+    else:
+        near = run.measured["near"]
+        assert len(near) == 1200 and len(set(near)) > 2
+        assert run.measures["near_mean"] == pytest.approx(near.mean())

@@ -155,3 +155,38 @@ def test_values_of_a_wrong_shape_have_their_line(scope: Scope) -> None:
     write(scope, GOOD.replace('robots["y_m"][:, None]', 'robots["y_m"]'))
     with pytest.raises(SensorError, match=r"mine\.py:13:.*'height':.*\(1,\)"):
         sent(mounted(scope))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        (
+            "def from_xml",
+            "def from_xlm",
+            r"no function 'from_xml\(element, scope\)' .is 'from_xlm'",
+        ),
+        ("def read(", "def raed(", r"gave has no read .is 'raed' meant"),
+        (
+            "def read(",
+            "def tidyy(self, values): ...\n\n    def read(",
+            r"mine.py:13: tidyy is called",
+        ),
+        (
+            "def read(",
+            "def change(self, a, b): ...\n\n    def read(",
+            r"is 'changed' meant\?\); beg",
+        ),
+    ],
+)
+def test_a_misspelt_name_is_told_with_the_one_that_is_meant(
+    scope: Scope, old: str, new: str, words: str
+) -> None:
+    write(scope, GOOD.replace(old, new))
+    with pytest.raises((ConfigError, SensorError), match=words):
+        mounted(scope)
+
+
+def test_names_of_its_own_are_left_alone(scope: Scope) -> None:
+    own = "def _tidyy(self): ...\n\n    def measure(self): ...\n\n    def read("
+    write(scope, GOOD.replace("def read(", own))
+    assert sent(mounted(scope)) == struct.pack("<f", 3.0)

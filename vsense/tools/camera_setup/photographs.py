@@ -7,7 +7,9 @@ import json
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -17,8 +19,15 @@ from vsense.base.canvas import FONT, INK, Colour
 from vsense.base.errors import GrabberError, UsageError, failing_as
 from vsense.base.terminal import Console, print_data, printable
 from vsense.tools.camera_setup.showing import save_picture
-from vsense.vision.cameras.picture import ENDINGS, Image, PictureError, pictures_in, read_picture
-from vsense.vision.tracking.squares import SquareFinder, codes_of
+from vsense.vision.cameras.picture import (
+    ENDINGS,
+    Image,
+    PictureError,
+    pictures_in,
+    read_picture,
+    to_grey,
+)
+from vsense.vision.tracking.squares import LEAST_SIDE_PX, SquareFinder, codes_of
 
 TAG_ROW = ("picture", "tag", "x1_px", "y1_px", "x2_px", "y2_px", "x3_px", "y3_px", "x4_px", "y4_px")
 """Of the table: the corners as in SQUARE, the upper left one first, clockwise in the picture."""
@@ -29,6 +38,42 @@ _FRACTION = 4
 """Bits after the point in the coordinates of what is drawn."""
 _LINE, _LETTERS = 1 / 60, 1 / 100
 """Width of a line, and size of letters, as a share of a marker's side."""
+
+
+def detect(
+    picture: NDArray[Any] | str | Path, family: str, least_side_px: float = LEAST_SIDE_PX
+) -> NDArray[np.void]:
+    """Finds the ArUco or AprilTag markers of a picture, taken by any camera.
+
+    Args:
+        picture: (h, w) grey or (h, w, 3) BGR, uint8 or uint16, as OpenCV reads it; or its file.
+        family: one of OpenCV's dictionaries, such as "DICT_4X4_50", the path of one (.yml), or a
+            family of vsense that is no arrow, such as "apriltag_36h11".
+        least_side_px: shortest side of a marker, seen face to face; 20 and more is faster.
+
+    Returns:
+        A row for each marker, sorted by "tag"; "corners_px" (4, 2) are its corners [px] from the
+        upright marker's upper left one, clockwise, with (0, 0) in the middle of the upper left
+        pixel; the other columns are those of `SQUARE`.
+
+    Raises:
+        UsageError: there are no such markers, or the side is not positive.
+        PictureError: the picture cannot be used.
+    """
+    if not least_side_px > 0:
+        raise UsageError(f"least_side_px: {least_side_px!r}, expected a number of pixels above 0")
+    if isinstance(picture, (str, Path)):
+        image = read_picture(Path(picture), str(picture))
+    else:
+        image = to_grey(np.asarray(picture))
+    changed_ns = Path(family).stat().st_mtime_ns if Path(family).is_file() else 0
+    return _finder(family, changed_ns).find(image, least_side_px, local_corners=True)
+
+
+@lru_cache(maxsize=4)
+def _finder(family: str, _changed_ns: int) -> SquareFinder:
+    # To prepare the words of a dictionary takes as long as to find its markers in a picture.
+    return SquareFinder(codes_of(family, "family"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,8 +107,7 @@ def run(options: FindOptions) -> int:
     """
     paths = list(_listed(options.pictures))
     drawn = _targets(paths, options.draw)
-    codes = codes_of(options.family)
-    finder = SquareFinder(codes)
+    name = codes_of(options.family).name
     table = csv.writer(sys.stdout, lineterminator="\n")
     if options.format == "csv":
         table.writerow(TAG_ROW)
@@ -75,7 +119,7 @@ def run(options: FindOptions) -> int:
             Console().say(f"vsense: {printable(str(error))}")
             damaged += 1
             continue
-        markers = finder.find(image, options.least_side, local_corners=True)
+        markers = detect(image, options.family, options.least_side)
         count += len(markers)
         if options.format == "csv":
             table.writerows(_rows(path, markers))
@@ -84,7 +128,7 @@ def run(options: FindOptions) -> int:
         sys.stdout.flush()
         if path in drawn:
             save_picture(draw(image, markers), drawn[path])
-    Console().say(f"vsense: {_summary(len(paths), damaged, count, codes.name)}")
+    Console().say(f"vsense: {_summary(len(paths), damaged, count, name)}")
     return 1 if damaged else 0
 
 

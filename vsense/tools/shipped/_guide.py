@@ -140,6 +140,8 @@ def _meaning(element: Element, parent: str) -> str:
         return "Settings for the loop functions, too."
     if element.name == "vs:sensor":
         return f"A sensor of your own: `{element.peek('file')}`."
+    if element.name == "vs:actuator":
+        return f"An actuator of your own: `{element.peek('file')}`."
     said = (explanations().get((place, "")) for place in places(parent, element.name))
     if sentence := next(filter(None, said), ""):
         return _sentence(sentence)

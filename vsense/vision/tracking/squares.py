@@ -350,8 +350,11 @@ def _single(markers: NDArray[np.void]) -> NDArray[np.void]:
     return markers[np.lexsort((*markers["corners_px"][:, 0].T, markers["tag"]))]
 
 
-def codes_of(name: str) -> Codes:
+def codes_of(name: str, option: str = "--family") -> Codes:
     """Returns the words of a square family, or of a dictionary by its name or file.
+
+    Args:
+        option: What messages call the name.
 
     Raises:
         UsageError: there are none of this name, or its markers cannot be found in any picture.
@@ -360,26 +363,26 @@ def codes_of(name: str) -> Codes:
         if name.endswith((".yml", ".yaml", ".xml")):
             return load_codes(name)
         if not name.endswith(".json") and name not in known_families():
-            return load_codes(_dictionary(name))
+            return load_codes(_dictionary(name, option))
         family = load_family(name)
     except FamilyError as error:
-        raise UsageError(f"--family: {error}") from None
+        raise UsageError(f"{option}: {error}") from None
     if isinstance(family, SquareFamily):
         return family.codes
     raise UsageError(
-        f"--family: {name} are arrows, which are recognized among dark things by their size, and"
+        f"{option}: {name} are arrows, which are recognized among dark things by their size, and"
         " that takes a calibrated camera: expected ArUco or AprilTag markers; arrows are found by"
         " `vsense camera track`, in folders of pictures, too, and by `vsense camera show`"
     )
 
 
-def _dictionary(name: str) -> str:
+def _dictionary(name: str, option: str) -> str:
     try:
         return f"DICT_{dictionary_name(name)}"
     except UsageError:
         square = [n for n in known_families() if isinstance(load_family(n), SquareFamily)]
         names = [*square, *(word for word in dir(cv2.aruco) if word.startswith("DICT_"))]
         raise UsageError(
-            f"--family: {name!r} is neither the path of a definition (.json) or of a dictionary"
+            f"{option}: {name!r} is neither the path of a definition (.json) or of a dictionary"
             f" (.yml) nor a known family; {instead(name, names)}"
         ) from None

@@ -9,11 +9,12 @@ every sensor. An error in it ends the run with the file's name and line.
 
 from __future__ import annotations
 
+import inspect
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from vsense.base.errors import ConfigError
+from vsense.base.errors import ConfigError, VsenseError, likely
 from vsense.base.users_code import UsersCode, line_of
 from vsense.base.xml.element import Element
 from vsense.world.sensors.base import Scope, SensorError, VirtualSensor
@@ -21,52 +22,81 @@ from vsense.world.sensors.base import Scope, SensorError, VirtualSensor
 ELEMENTS = ("vs:sensor",)
 
 _MEMBERS = ("name", "layout", "read")
+_FURTHER = ("changed", "tidy", "kernel")
 
 
-class UsersSensor:
-    """A user's sensor; what goes wrong in its functions becomes an error that names the file.
+class UsersDevice:
+    """A user's device; what goes wrong in its functions becomes an error that names the file.
 
-    `place` is where its function `read` stands, for what is said of its values.
+    `place` is where the function `main` stands, for what is said of its values.
     """
 
-    def __init__(self, sensor: Any, code: UsersCode) -> None:
-        self._sensor = sensor
+    def __init__(self, device: Any, code: UsersCode, main: str) -> None:
+        self._device = device
         self._code = code
-        self.place = f"{code.file}:{line_of(sensor.read)}: "
+        self.place = f"{code.file}:{line_of(getattr(device, main))}: "
 
     def __getattr__(self, key: str) -> Any:
         # Private names are never the user's; asking for them while this object is copied must end.
         if key.startswith("_"):
             raise AttributeError(key)
-        value = getattr(self._sensor, key)
+        value = getattr(self._device, key)
         return _guarded(value, self._code) if callable(value) else value
 
 
 def from_xml(element: Element, scope: Scope) -> VirtualSensor:
-    """Makes the sensor from its element.
+    """Makes the sensor from its element; raises as `device_of`, here SensorError."""
+    sensor: VirtualSensor = device_of(element, scope, SensorError, _MEMBERS, _FURTHER)
+    return sensor
+
+
+def device_of(
+    element: Element,
+    scope: Scope,
+    kind: type[VsenseError],
+    members: Sequence[str],
+    further: Sequence[str],
+) -> Any:
+    """Makes a device of the file that an element names.
+
+    Args:
+        kind: of the errors of the user's code.
+        members: what it must have, its main function last.
+        further: functions that it may have.
 
     Raises:
         ConfigError: there is no such file, it has no `from_xml`, or a member is missing.
-        SensorError: the user's code fails.
+        VsenseError: of this kind: the user's code fails, or a function's name is misspelt.
     """
     path = scope.folder / element.text("file", None, "a Python file")
     if not os.path.isfile(path):
         raise element.error(f"there is no file {str(path)!r}", "file")
-    code = UsersCode(path, _error)
-    make = getattr(code.load(f"vsense_users_{path.stem}"), "from_xml", None)
+    code = UsersCode(path, lambda file, line, message: kind(f"{file}:{line}: {message}"))
+    module = code.load(f"vsense_users_{path.stem}")
+    make = getattr(module, "from_xml", None)
     if not callable(make):
-        raise element.error(f"{path} has no function 'from_xml(element, scope)'", "file")
+        words = f"has no function 'from_xml(element, scope)'{likely('from_xml', vars(module))}"
+        raise element.error(f"{path} {words}", "file")
     # What `element` says of an attribute has its place in the experiment file already.
     with code.watch(through=(ConfigError,)):
-        sensor = make(element, scope)
-    missing = [member for member in _MEMBERS if not hasattr(sensor, member)]
+        device = make(element, scope)
+    own = dict(inspect.getmembers(type(device), inspect.isroutine))
+    missing = [member for member in members if not hasattr(device, member)]
     if missing:
-        raise element.error(f"what from_xml of {path} gave has no {', '.join(missing)}", "file")
-    return UsersSensor(sensor, code)
+        words = f"gave has no {', '.join(missing)}{likely(missing[0], own)}"
+        raise element.error(f"what from_xml of {path} {words}", "file")
+    of_file = {n: f for n, f in own.items() if getattr(f, "__module__", "") == module.__name__}
+    _refuse_misspelt(code, of_file, further)
+    return UsersDevice(device, code, members[-1])
 
 
-def _error(file: str, line: int, message: str) -> SensorError:
-    return SensorError(f"{file}:{line}: {message}")
+def _refuse_misspelt(code: UsersCode, own: Mapping[str, Any], further: Sequence[str]) -> None:
+    """Raises the user's error for a function that looks like one that is called, and is none."""
+    for name in own.keys() - {*further}:
+        hint = "" if name.startswith("_") else likely(name, {*further} - own.keys())
+        if hint:
+            words = f"{name} is called by nobody{hint}; begin its name with _ if it is your own"
+            raise code.error(line_of(own[name]), words)
 
 
 def _guarded(function: Callable[..., Any], code: UsersCode) -> Callable[..., Any]:
