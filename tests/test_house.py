@@ -425,11 +425,11 @@ def test_functions_fit_a_screen() -> None:
 
 BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
-    "vsense in Python": (("vsense",), (".py",), 511, 104200, 400),
+    "vsense in Python": (("vsense",), (".py",), 511, 104300, 400),
     "the page": (("vsense",), (".js", ".css", ".html"), 46, 6000, 300),
     "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 269, 29600, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 34, 7100, 512),
-    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 632, 106900, 657),
+    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 632, 107000, 657),
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 

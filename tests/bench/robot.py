@@ -6,7 +6,6 @@ report lists what could not be measured.
 
 from __future__ import annotations
 
-import itertools
 import re
 import select
 import shutil
@@ -26,7 +25,7 @@ from vsense.robots import boards
 from vsense.robots.boards import TARGETS, toolchain
 from vsense.robots.build import FAST_PARTS, SHIPPED_CONTROLLER, cache_directory, source_tree
 from vsense.robots.compiling import BuildError, Sources, Toolchain, native
-from vsense.robots.policy import c_of, save_policy
+from vsense.robots.policy import c_of, read_policy, save_policy
 from vsense.robots.sources import ProgramSources
 
 SIZE_MAX = 100_000
@@ -42,11 +41,9 @@ a clock more than if the base were read only once the timestep has come."""
 SHOWN = 208
 """[byte] that a controller shows when it is counted what that costs."""
 
-POLICY_WIDTHS = (16, 32, 32, 2)
-"""Of the policy whose instructions are counted: light and proximity, two layers, two wheels."""
-
-POLICY_MAX = 300_000
-"""Instructions of that policy in a control step on ARMv5."""
+POLICIES = {"perceptron of 16-32-32-2 numbers": 300_000, "GRU of 8-16-2 numbers": 240_000}
+"""Learnt policies, and how many instructions they may take in a control step on ARMv5. The first is
+for light and proximity; the second is in `tests/data/policies`."""
 
 STEPS = 1000
 CALL_STEPS = 200
@@ -59,7 +56,7 @@ def run(say: Say) -> dict[str, Any]:
     """Measures everything that can be measured here.
 
     Returns:
-        `sizes` [byte] by target, `step_instructions`, `shown_byte`, `policy` [instructions],
+        `sizes` [byte] by target, `step_instructions`, `shown_byte`, `policies` [instructions],
         `step_calls`, `memory_kb` of both processes on this machine; None where something is
         missing, and `missing` says what.
     """
@@ -73,7 +70,7 @@ def run(say: Say) -> dict[str, Any]:
             "step_instructions": step_instructions(Path(folder), say, missing),
             "step_max": STEP_MAX,
             "shown_byte": _shown_byte(Path(folder)),
-            "policy": policy_instructions(Path(folder), POLICY_WIDTHS),
+            "policies": policy_instructions(Path(folder)),
             "step_calls": _step_calls(Path(folder) / "epuck", say, missing),
             "calls_max": CALLS_MAX,
             "memory_kb": _memory_kb(Path(folder) / "host", say) if sizes["host"] else None,
@@ -97,9 +94,10 @@ def table(report: dict[str, Any]) -> str:
     cost = report["shown_byte"]
     counted = f"{cost} instructions" if cost else "not counted"
     lines.append(f"  and of every byte that a controller shows in every step: {counted}")
-    cost, widths = report["policy"], "-".join(map(str, POLICY_WIDTHS))
-    counted = f"{cost:,} of {POLICY_MAX:,} allowed" if cost else "not counted"
-    lines.append(f"  and of a learnt policy of {widths} numbers, with tanh: {counted}")
+    for name, most in POLICIES.items():
+        cost = report["policies"].get(name)
+        counted = f"{cost:,} of {most:,} allowed" if cost else "not counted"
+        lines.append(f"  and of a learnt policy, a {name}: {counted}")
     calls = report["step_calls"]
     counted = f"{calls} of {report['calls_max']} allowed" if calls else "not counted"
     lines.append(f"system calls of a control step at 10 Hz, all processes: {counted}")
@@ -163,19 +161,25 @@ def policy_program(path: Path, compiler: Toolchain, folder: Path) -> Path:
     return program
 
 
-def policy_instructions(folder: Path, widths: Sequence[int]) -> int | None:
-    """Instructions of a control step of a policy with layers of so many numbers, and tanh.
+def policy_instructions(folder: Path) -> dict[str, int]:
+    """Instructions of a control step of each of `POLICIES`; none where something is missing.
 
     After `step_instructions`, whose plug-in it takes.
     """
     qemu = shutil.which("qemu-arm")
     if qemu is None or not (folder / "icount.so").exists():
-        return None
-    random, path = np.random.default_rng(1), folder / "counted.onnx"
-    shapes = itertools.pairwise(widths)
-    save_policy(path, [(random.normal(0, n**-0.5, (n, m)), np.zeros(m), "tanh") for n, m in shapes])
+        return {}
+    random, perceptron = np.random.default_rng(1), folder / "counted.onnx"
+    shapes = ((16, 32), (32, 32), (32, 2))
+    layers = [(random.normal(0, shape[0] ** -0.5, shape), shape[1]) for shape in shapes]
+    save_policy(perceptron, [(matrix, np.zeros(n), "tanh") for matrix, n in layers])
+    paths = (perceptron, HERE.parent / "data" / "policies" / "gru.onnx")
+    return {name: _thought(qemu, folder, path) for name, path in zip(POLICIES, paths)}
+
+
+def _thought(qemu: str, folder: Path, path: Path) -> int:
     program = policy_program(path, toolchain(TARGETS["epuck"], cache_directory()), folder)
-    seen = random.random(widths[0], np.float32).tobytes()
+    seen = np.random.default_rng(1).random(read_policy(path).inputs, np.float32).tobytes()
     few, many = (
         _instructions(qemu, folder / "icount.so", [str(program), str(n)], seen)[0]
         for n in (STEPS // 100, STEPS // 10)

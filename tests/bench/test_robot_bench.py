@@ -23,11 +23,11 @@ def test_a_control_step_takes_so_many_instructions_at_most(tmp_path: Path) -> No
     assert missing == []
     assert counts[0] is not None and 10_000 < counts[0] <= robot.STEP_MAX
     assert counts[0] == counts[1], "the count is exact"
-    thoughts = [robot.policy_instructions(tmp_path, robot.POLICY_WIDTHS) for _ in range(2)]
-    print(f"instructions of a policy: {thoughts[0]}")
-    # 1,600 weights, each a product and a sum in software.
-    assert thoughts[0] is not None and 1_600 * 40 < thoughts[0] <= robot.POLICY_MAX
-    assert thoughts[0] == thoughts[1]
+    thoughts = [robot.policy_instructions(tmp_path) for _ in range(2)]
+    print(f"instructions of policies: {thoughts[0]}")
+    assert thoughts[0] == thoughts[1] and thoughts[0].keys() == robot.POLICIES.keys()
+    # 1,184 weights at the least, each a product and a sum in software.
+    assert all(1_184 * 40 < n <= robot.POLICIES[name] for name, n in thoughts[0].items())
 
 
 def test_a_control_step_makes_so_many_system_calls_at_most(tmp_path: Path) -> None:
@@ -67,7 +67,7 @@ def test_table_of_a_machine_that_can_measure_nothing() -> None:
         "step_instructions": None,
         "step_max": robot.STEP_MAX,
         "shown_byte": None,
-        "policy": None,
+        "policies": {},
         "step_calls": None,
         "calls_max": robot.CALLS_MAX,
         "memory_kb": None,
@@ -77,10 +77,11 @@ def test_table_of_a_machine_that_can_measure_nothing() -> None:
     assert text.count("not built") == len(boards.TARGETS)
     assert "not counted" in text and text.endswith("not measured: everything")
     report |= {"sizes": {"epuck": 96_800}, "step_instructions": 11_199, "memory_kb": 204}
-    report |= {"step_calls": 40, "shown_byte": 17.5, "policy": 200_000}
+    report |= {"step_calls": 40, "shown_byte": 17.5, "policies": {"GRU of 8-16-2 numbers": 200_000}}
     text = robot.table(report)
     assert "epuck    96,800 bytes of 100,000 allowed" in text
     assert "11,199 of 12,000 allowed" in text and "204 kB" in text
-    assert "16-32-32-2 numbers, with tanh: 200,000 of 300,000 allowed" in text
+    assert "a GRU of 8-16-2 numbers: 200,000 of " in text
+    assert "a perceptron of 16-32-32-2 numbers: not counted" in text
     assert "every byte that a controller shows in every step: 17.5 instructions" in text
     assert "system calls of a control step at 10 Hz, all processes: 40 of 42 allowed" in text

@@ -145,13 +145,25 @@ def test_c_calculates_the_same_bits_as_numpy(name: str, build: Builder, tmp_path
     check_bits([str(program)], path)
 
 
-@pytest.mark.parametrize("name", ["mlp", "gru", "sklearn_relu"])
-def test_an_arm926_calculates_the_same_bits(name: str, tmp_path: Path) -> None:
-    qemu = require_tool("qemu-arm", "qemu-user")
+EMULATORS = {
+    "epuck": ("qemu-arm", "-cpu", "arm926"),
+    "pi-puck": ("qemu-arm", "-cpu", "arm1176"),
+    "aarch64": ("qemu-aarch64",),
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "board"),
+    [("mlp", "epuck"), ("gru", "epuck"), ("sklearn_relu", "pi-puck"), ("gru_layers", "aarch64")],
+)
+def test_boards_calculate_the_same_bits(name: str, board: str, tmp_path: Path) -> None:
+    """Without a floating point unit, with an old one, and with one that could fuse."""
+    qemu, *words = EMULATORS[board]
+    emulator = require_tool(qemu, "qemu-user")
     require_zig()
     path = POLICIES / f"{name}.onnx"
-    program = policy_program(path, toolchain(TARGETS["epuck"], cache_directory()), tmp_path)
-    check_bits([qemu, "-cpu", "arm926", str(program)], path)
+    program = policy_program(path, toolchain(TARGETS[board], cache_directory()), tmp_path)
+    check_bits([emulator, *words, str(program)], path)
 
 
 def check_bits(command: list[str], path: Path) -> None:

@@ -84,22 +84,26 @@ class PolicyGraph:
         missing = [name for name in wanted if name not in self._places]
         if missing:
             raise ValueError(f"calculates no output {shown(missing[0])} from the observation")
-        action = self._places[wanted[0]]
-        self.outputs, self.action = action.size, self._start(action)
         self._kept += [(self._places[i], self._places[o]) for i, o in zip(states, wanted[1:])]
+        action = self._places[wanted[0]]
+        self.outputs, self.action = action.size, self._saved(action)
         self._keep()
 
     def _keep(self) -> None:
         """Copies what has been calculated to where the next control step finds it."""
-        states = {place for old, _ in self._kept for place in old.flat}
         starts = []
         for old, new in self._kept:
             if old.size != new.size:
                 raise ValueError(f"has a state of {old.size} numbers that comes out as {new.size}")
-            moves = not states.isdisjoint(new.flat)  # to where another state is written first
-            starts.append(self._start(self._emit(Op.COPY, new.size, new) if moves else new))
+            starts.append(self._saved(new))
         for start, (old, _) in zip(starts, self._kept):
             self._add(PolicyStep(Op.COPY, start, 0, self._start(old), old.size, old.size, None))
+
+    def _saved(self, places: Places) -> int:
+        """Where numbers lie in a row that `_keep` does not write over."""
+        states = {place for old, _ in self._kept for place in old.flat}
+        is_kept = states.isdisjoint(places.flat)
+        return self._start(places if is_kept else self._emit(Op.COPY, places.size, places))
 
     def _read(self, node: OnnxNode) -> None:
         if node.operator not in _READERS:

@@ -17,7 +17,7 @@ import numpy as np
 STEPS = 1000
 LIBRARIES = ("torch", "onnx", "onnxscript", "sklearn", "skl2onnx")
 SKLEARN = ("sklearn_tanh", "sklearn_relu", "sklearn_logistic")
-TORCH = ("mlp", "mlp_script", "critic", "gru", "gru_layers", "gru_cell", "gru_alone")
+TORCH = ("mlp", "mlp_script", "critic", "gru", "gru_layers", "gru_cell", "gru_alone", "delay")
 
 
 def observations(width: int) -> Any:
@@ -83,6 +83,12 @@ def torch_net(name: str) -> Any:
             out, state = self.gru(seen.unsqueeze(0), state)
             return torch.tanh(self.last(out.squeeze(0))), state
 
+    class Delay(nn.Module):
+        def forward(self, seen: Any, state: Any) -> Any:
+            return state[:, 1:3], torch.cat((seen[:, 5:7], state[:, :2]), 1)
+
+    if name == "delay":
+        return Delay()
     return Recurrent() if name.startswith("gru") else Perceptron()
 
 
@@ -93,7 +99,7 @@ def torch_policy(name: str, file: Path) -> Any:
     net, seen = torch_net(name).eval(), torch.tensor(observations(8))
     dynamo = name in ("mlp", "gru")
     how = {"dynamo": True, "external_data": False} if dynamo else {"dynamo": False}
-    states = {"gru": (1, 1, 16), "gru_layers": (2, 1, 4), "gru_cell": (1, 4)}
+    states = {"gru": (1, 1, 16), "gru_layers": (2, 1, 4), "gru_cell": (1, 4), "delay": (1, 4)}
     with torch.no_grad():
         if name in states:
             state, rows = torch.zeros(states[name]), []
