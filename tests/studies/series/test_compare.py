@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -18,6 +19,7 @@ from scipy import stats
 
 import vsense
 from tests.rigs.places import ROOT
+from vsense.base.errors import UsageError
 from vsense.cli import main
 from vsense.run.runs_csv import read_runs
 from vsense.studies.series import _sequential
@@ -176,6 +178,22 @@ def test_git_has_the_old_side(folder: Path, capsys) -> None:
 def test_what_is_wrong_is_said(words: tuple[str, ...], said: str, folder: Path, capsys) -> None:
     assert compare(*words, "--duration", "5") == 2
     assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("how", "said"),
+    [
+        ({}, "one of maximize and minimize"),
+        ({"maximize": "x", "minimize": "y"}, "one of maximize and minimize"),
+        ({"maximize": "x", "durtion_s": 3}, "durtion_s: no such option; is 'duration_s' meant?"),
+        ({"maximize": "x", "duration_s": "3"}, "duration_s='3': expected a number"),
+        ({"maximize": "x", "pairs": 7}, "pairs=7: expected a whole number, 8 to 400"),
+        ({"maximize": "x", "seed": 0}, "seed=0: expected a whole number"),
+    ],
+)
+def test_what_is_wrong_in_python_is_said(how: dict[str, Any], said: str) -> None:
+    with pytest.raises(UsageError, match=re.escape(said)):
+        vsense.compare("foraging", "foraging", **how)
 
 
 def test_ctrl_c_keeps_the_runs(folder: Path) -> None:
