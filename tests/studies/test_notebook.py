@@ -109,6 +109,19 @@ def test_what_the_page_exports_from_pytorch_drives(folder: Path) -> None:
     check_drives(learnt_experiment(folder), act)
 
 
+@pytest.mark.campaign
+def test_what_stable_baselines_learns_drives(folder: Path) -> None:
+    for package in ("stable_baselines3", "supersuit", "onnxscript"):
+        pytest.importorskip(package)
+    names: dict[str, Any] = {}
+    exec(FILES["ppo.py"], names)
+    names["learn"]()
+    experiment = load_experiment(learnt_experiment(folder), robots=5, duration_s=30)
+    runs = [experiment.simulate(seed, f"out-{seed}") for seed in range(1, 6)]
+    distances = np.array([run.measured["light_distance_m"] for run in runs])
+    assert distances[:, 0].mean() > 1.0 and distances[:, -1].mean() < 0.5
+
+
 LAB = 4
 """The block that is in real time."""
 
