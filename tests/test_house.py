@@ -425,7 +425,7 @@ def test_functions_fit_a_screen() -> None:
 
 BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
-    "vsense in Python": (("vsense",), (".py",), 513, 104900, 400),
+    "vsense in Python": (("vsense",), (".py",), 514, 104900, 400),
     "the page": (("vsense",), (".js", ".css", ".html"), 46, 6000, 300),
     "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 269, 29600, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 34, 7100, 512),

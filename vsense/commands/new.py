@@ -38,13 +38,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _arguments.flag(parser, "--python", text)
     text = "add a notebook for Jupyter: loads, simulates, compares and plots it (extra notebook)"
     _arguments.flag(parser, "--notebook", text)
+    text = "add a test of its behaviour, and the files that have GitHub and GitLab run it"
+    _arguments.flag(parser, "--ci", text)
 
 
 def run(options: argparse.Namespace) -> int:
     """Makes the files; says how to run them."""
-    files = templates.make(
-        options.folder, options.source, options.sensor, options.python, options.notebook
-    )
+    named = ("sensor", "python", "notebook", "ci")
+    wanted = {name: getattr(options, name) for name in named}
+    files = templates.make(options.folder, options.source, **wanted)
     print_data("\n".join(map(str, files)))
     readme = options.folder / "README.md"
     Console().say(f"vsense: now: vsense sim {files[0]}    {readme} explains it all")

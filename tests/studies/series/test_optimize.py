@@ -19,9 +19,10 @@ from tests.rigs.places import ROOT
 from vsense.base.canvas import Floats
 from vsense.cli import main
 from vsense.run.runs_csv import read_runs
+from vsense.studies.report import _plot
 from vsense.studies.series._trials import Objective
 from vsense.studies.series._varied import Trial, Varied, proposals
-from vsense.studies.series.optimize import Optimum
+from vsense.studies.series.optimize import Optimum, _draw
 
 LOOPS = """
 class LoopFunctions:
@@ -173,6 +174,9 @@ def test_a_sampler_learns_from_what_is_in_the_table() -> None:
     logs = np.log10([float(trial.settings["a.x"]) for trial in trials])
     # Uniform draws lie 2.1 away on average.
     assert np.abs(logs[:10] - 1.0).mean() > 1.2 > 0.8 > np.abs(logs[-10:] - 1.0).mean()
+    with _plot.styled(None):
+        drawn = _plot.encode(_draw(found), "svg").decode()
+    assert ">0.001<" in drawn and "math" not in drawn  # a power of ten has no formula
 
 
 @pytest.mark.campaign

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from tests.conftest import require_tool
+from tests.rigs.places import ROOT
 from vsense import cli
 from vsense.base.errors import UsageError
 from vsense.config.experiment import load
@@ -187,9 +190,36 @@ def test_the_notebook_runs_from_top_to_bottom(tmp_path: Path) -> None:
     assert any("(True, {'robots_on_spot" in one.get("text/plain", "") for one in data)
 
 
+def test_its_behaviour_is_tested_for_every_pull_request(tmp_path: Path) -> None:
+    yaml = pytest.importorskip("yaml")
+    folder = tmp_path / "mine"
+    made = make(folder, ci=True)
+    names = {str(path.relative_to(folder)) for path in made}
+    assert {"test_mine.py", ".gitlab-ci.yml", ".github/workflows/behaviour.yml"} < names
+    assert "## test_mine.py\n\nBehaviour test of mine.argos" in made[-1].read_text()
+    github = yaml.safe_load((folder / ".github/workflows/behaviour.yml").read_text())
+    gitlab = yaml.safe_load((folder / ".gitlab-ci.yml").read_text())["behaviour"]
+    steps = github["jobs"]["behaviour"]["steps"]
+    assert steps[0]["with"]["fetch-depth"] == 0 and gitlab["variables"]["GIT_DEPTH"] == "0"
+    scripts = [step["run"] for step in steps if "run" in step], gitlab["script"]
+    for install, test in scripts:
+        assert install == 'pip install "$VSENSE" pytest' and test.startswith("pytest ")
+    who = ("-c", "user.name=n", "-c", "user.email=e@example.org")
+    for words in (("init", "-b", "trunk"), ("add", "."), ("commit", "-m", "begun")):
+        subprocess.run(["git", *who, *words], cwd=folder, check=True, capture_output=True)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "OLD": "trunk"}
+    environment |= {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}  # installed, it is found by itself
+    call = [sys.executable, "-m", *scripts[0][1].split(), "-p", "vsense.studies._pytest_plugin"]
+    ran = subprocess.run(call, cwd=folder, env=environment, capture_output=True, text=True)
+    assert ran.returncode == 0 and "1 passed" in ran.stdout, ran.stdout
+    assert list(folder.glob("behaviour/*/compare-mine-*.png"))
+
+
 def test_only_the_template_has_a_notebook(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="--notebook: there is none about 'foraging'"):
         make(tmp_path / "mine", "foraging", notebook=True)
-    words = ["new", str(tmp_path / "mine"), "--notebook"]
+    with pytest.raises(UsageError, match="--ci: there is none about 'foraging'"):
+        make(tmp_path / "mine", "foraging", ci=True)
+    words = ["new", str(tmp_path / "mine"), "--notebook", "--ci"]
     assert cli.main(words) == 0
     assert "mine.argos" in (tmp_path / "mine" / "mine.ipynb").read_text()

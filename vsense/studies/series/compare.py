@@ -210,7 +210,7 @@ class _Looks:
         measure = spoken(self.objective.measure)
         for pairs in (1, *_sequential.looks(self.pairs)):  # after one a wrong measure is known
             seeds = making.how.seeds(pairs)
-            making.complete(both, seeds, f"to {pairs} of at most {self.pairs} pairs")
+            making.complete(both, seeds, f"to {pairs} of {self.pairs} pairs")
             old, new = (
                 np.array([self.objective.of(row) for row in making.rows(side, seeds)])
                 for side in (OLD, NEW)

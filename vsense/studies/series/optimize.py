@@ -319,10 +319,14 @@ def _draw(found: Optimum) -> Figure:
             texts = [trial.settings[one.key] for trial in found.trials]
             places = [float(one.choices.index(t) if one.choices else t) for t in texts]
             _draw_dots(axes, np.array(places), heights, best)
-            axes.set(xlabel=_plot.label(one.key), xscale="log" if one.log else "linear")
+            axes.set_xlabel(_plot.label(one.key))
             if one.choices:
                 axes.set_xticks(range(len(one.choices)), list(map(_plot.label, one.choices)))
-            elif one.whole and not one.log:
+            elif one.log and one.high >= 10.0 * one.low:  # one tick at least
+                axes.set_xscale("log")
+                axes.xaxis.set_major_formatter("{x:g}")
+                axes.xaxis.set_minor_formatter("")
+            elif one.whole:
                 axes.locator_params("x", integer=True)
     return figure
 

@@ -65,6 +65,7 @@ def write(name: str, source: str, texts: Mapping[str, str]) -> str:
 def _options(root: Element, texts: Mapping[str, str]) -> str:
     notebook = any(file.endswith(".ipynb") for file in texts)
     chosen = {"sensor": _has_sensor(root), "python": _is_python(texts), "notebook": notebook}
+    chosen["ci"] = any(file.endswith(".yml") for file in texts)
     return "".join(f" --{name}" for name, is_chosen in chosen.items() if is_chosen)
 
 
@@ -191,7 +192,9 @@ _OF_ROBOT = (
 def _of_python(text: str) -> list[str]:
     """What a Python file is, and when its functions are called."""
     tree = ast.parse(text)
-    head = (ast.get_docstring(tree) or "").split(_PARAGRAPH)[0]
+    head, *more = (ast.get_docstring(tree) or "").split(_PARAGRAPH)
+    if "vsense_compare" in text:
+        return [_sentence(head), "", *more]
     lines = [_sentence(head)]
     classes = [node for node in tree.body if isinstance(node, ast.ClassDef)]
     for node in (node for c in classes if c.name == "Controller" for node in c.body):

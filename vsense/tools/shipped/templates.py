@@ -25,6 +25,12 @@ TEMPLATE = "start"
 _PYTHON = f"{TEMPLATE}_controller.py"
 """Its controller in Python; its loop functions have the shorter name."""
 _NOTEBOOK = f"{TEMPLATE}.ipynb"
+_CI = {
+    f"{TEMPLATE}_test.py": "test_{name}.py",
+    "github.yml": ".github/workflows/behaviour.yml",
+    "gitlab.yml": ".gitlab-ci.yml",
+}
+"""Its behaviour test, and where two services want to have their files."""
 
 _NAME = re.compile(rf"[A-Za-z][A-Za-z0-9_-]{{0,{MAX_NAME_BYTES - 1}}}")
 
@@ -67,6 +73,7 @@ def make(
     sensor: bool = False,
     python: bool = False,
     notebook: bool = False,
+    ci: bool = False,
 ) -> tuple[Path, ...]:
     """Makes a folder with an experiment's files and a README that explains them line by line.
 
@@ -76,27 +83,24 @@ def make(
         sensor: a virtual sensor of one's own is added, which the controllers read and show.
         python: the controller is in Python; only `TEMPLATE` has one.
         notebook: the first hour as a notebook for Jupyter; only of `TEMPLATE`.
+        ci: a test of its behaviour, and what has GitHub and GitLab run it; only of `TEMPLATE`.
 
     Returns:
         The files, the one to run first.
 
     Raises:
         UsageError: the name cannot be an experiment's, there is no such template, it has no
-            controller in Python or no notebook, or the folder holds something or cannot be written.
+            controller in Python, no notebook or no test, or the folder holds something or cannot
+            be written.
         BuildError: vsense's own files are incomplete.
     """
     name = _checked(folder)
-    if source not in templates():
-        raise UsageError(
-            f"there is no experiment {source!r} to begin with; {instead(source, templates())}"
-        )
-    if python and source != TEMPLATE:
-        raise UsageError(f"--python: the controllers of {source!r} are in C; leave out --from")
-    if notebook and source != TEMPLATE:
-        raise UsageError(f"--notebook: there is none about {source!r}; leave out --from")
+    _check_source(source, python, notebook, ci)
     texts = _renamed(_read(source, python, notebook), source, name)
     if sensor:
         texts = _with_sensor(texts, name)
+    if ci:
+        texts |= _behaviour_test(name)
     texts["README.md"] = _guide.write(name, source, texts)
     _write(folder, texts)
     return tuple(folder / file for file in texts)
@@ -117,6 +121,29 @@ def _checked(folder: Path) -> str:
             if any(folder.iterdir()):
                 raise UsageError(f"{folder} is not empty: choose another name")
     return name
+
+
+def _check_source(source: str, python: bool, notebook: bool, ci: bool) -> None:
+    """UsageError: it is no template, or has not all that is wanted."""
+    if source not in templates():
+        raise UsageError(
+            f"there is no experiment {source!r} to begin with; {instead(source, templates())}"
+        )
+    if python and source != TEMPLATE:
+        raise UsageError(f"--python: the controllers of {source!r} are in C; leave out --from")
+    for option, is_wanted in (("--notebook", notebook), ("--ci", ci)):
+        if is_wanted and source != TEMPLATE:
+            raise UsageError(f"{option}: there is none about {source!r}; leave out --from")
+
+
+def _behaviour_test(name: str) -> dict[str, str]:
+    """The texts of the test and of what runs it, by the places of the files."""
+    texts = {}
+    for file, place in _CI.items():
+        text = (SHIPPED_FOLDER / TEMPLATE / file).read_text(encoding="utf-8")
+        argos = f"{name}{ARGOS_SUFFIX}"
+        texts[place.format(name=name)] = text.replace(f"{TEMPLATE}{ARGOS_SUFFIX}", argos)
+    return texts
 
 
 def _read(source: str, python: bool, notebook: bool) -> _Template:
@@ -211,5 +238,6 @@ def _write(folder: Path, texts: Mapping[str, str]) -> None:
             new = Path(staging) / folder.name
             new.mkdir()
             for file, text in texts.items():
+                (new / file).parent.mkdir(parents=True, exist_ok=True)
                 (new / file).write_text(text, encoding="utf-8")
             os.replace(new, folder)
