@@ -160,9 +160,9 @@ def test_a_board_gets_no_lines_of_its_source(tmp_path: Path) -> None:
     """What `-g` adds stays on this machine: daemons for boards are stripped."""
     source = tmp_path / "mine.c"
     source.write_text(STATE)
-    assert native().debug and not boards.toolchain(boards.TARGETS["host"], tmp_path).debug
+    assert native().debug and not boards.toolchain(boards.TARGETS["epuck"], tmp_path).debug
     assert b".debug_line" in build.daemon(str(source)).read_bytes()
-    built = boards.build(str(source), "host", tmp_path / "vsensed")
+    built = boards.build(str(source), "epuck", tmp_path / "vsensed")
     assert b".debug_line" not in built.path.read_bytes()
 
 

@@ -154,7 +154,13 @@ EMULATORS = {
 
 @pytest.mark.parametrize(
     ("name", "board"),
-    [("mlp", "epuck"), ("gru", "epuck"), ("sklearn_relu", "pi-puck"), ("gru_layers", "aarch64")],
+    [
+        ("mlp", "epuck"),
+        ("gru", "epuck"),
+        # Each of these has zig build its C library first, for a minute.
+        pytest.param("sklearn_relu", "pi-puck", marks=pytest.mark.campaign),
+        pytest.param("gru_layers", "aarch64", marks=pytest.mark.campaign),
+    ],
 )
 def test_boards_calculate_the_same_bits(name: str, board: str, tmp_path: Path) -> None:
     """Without a floating point unit, with an old one, and with one that could fuse."""
