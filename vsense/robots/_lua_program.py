@@ -94,11 +94,12 @@ class LuaProgram(HostedProgram):
         self._sensors = sensors_of(swarm, declared, int(given.get("vs:heard_bytes", 4)))
         declared = given.get("vs:actuators", "").split()
         self._actuators = LuaActuators(swarm, declared, int(given.get("vs:said_bytes", 4)))
-        self._states = [self._state(robot, told) for robot, told in enumerate(self._told)]
+        table = _TABLE.read_bytes()
+        self._states = [self._state(robot, told, table) for robot, told in enumerate(self._told)]
         self.each(self._begin_one)
 
-    def _state(self, robot: int, told: str) -> Any:
-        """Makes a robot's state of Lua; gives the functions of `argos.lua`."""
+    def _state(self, robot: int, told: str, table: bytes) -> Any:
+        """Makes a robot's state of Lua; gives the functions of `table`, the text of `argos.lua`."""
 
         def log(words: bytes) -> None:
             for line in words.decode(errors="replace").split("\n"):
@@ -107,9 +108,7 @@ class LuaProgram(HostedProgram):
         sensors = b"".join(sensor.line for sensor in self._sensors)
         seed = 1 + int(self.swarm.random_of(robot) * 2**53)
         given = dict(_lines(told)).get("vs:id", "").encode(), _params(told), sensors
-        made = _new_state().execute(
-            _TABLE.read_bytes(), self._watch, log, *given, self._actuators.lines, seed
-        )
+        made = _new_state().execute(table, self._watch, log, *given, self._actuators.lines, seed)
         return made
 
     def _begin_one(self, robot: int) -> None:

@@ -30,6 +30,14 @@ local function count(given, words, ...)
    error(words, 3)
 end
 
+local function place(i, number)
+   i = floor(i)
+   if i < 1 or i > number then
+      error(format("passed index %d out of bounds [1,%d]", i, number), 3)
+   end
+   return i
+end
+
 local function single(value) return (unpack("f", pack("f", value))) end
 
 local function byte(value) return floor(value) % 256 + 0.0 end
@@ -433,10 +441,7 @@ function does.lights(name, at, number)
       count(select("#", ...), here .. ".set_single_color() expects 2 or 4 arguments", 2, 4)
       local i = ...
       check(i, 1, "set_single_color", "number")
-      i = floor(i)
-      if i < 1 or i > number then
-         error(format("passed index %d out of bounds [1,%d]", i, number), 2)
-      end
+      i = place(i, number)
       set(i, color(2, "set_single_color", select(2, ...)))
    end
    function lights.set_all_colors(...)
@@ -454,10 +459,7 @@ function does.switches(name, at, number)
       local i, on = ...
       check(i, 1, "switch_led", "number")
       check(on, 2, "switch_led", "boolean")
-      i = floor(i)
-      if i < 1 or i > number then
-         error(format("passed index %d out of bounds [1,%d]", i, number), 2)
-      end
+      i = place(i, number)
       out[at + i] = on and 1.0 or 0.0
    end
    function lights.switch_leds(...)
@@ -506,10 +508,7 @@ function does.said(name, at, size)
       end
       check(i, 1, "set_data", "number")
       check(value, 2, "set_data", "number")
-      i = floor(i)
-      if i < 1 or i > size then
-         error(format("passed index %d out of bounds [1,%d]", i, size), 2)
-      end
+      i = place(i, size)
       out[at + 1 + i] = byte(value)
    end
    function saying.clear_data(...)
@@ -524,10 +523,7 @@ function does.set(name, at, number)
    part(name).set = function(i, value)
       check(i, 1, "set", "number")
       check(value, 2, "set", "number")
-      i = floor(i)
-      if i < 1 or i > number then
-         error(format("passed index %d out of bounds [1,%d]", i, number), 2)
-      end
+      i = place(i, number)
       out[at + i] = value
    end
    return number
