@@ -22,7 +22,6 @@ from vsense.base.terminal import spoken
 from vsense.config.specs import Experiment
 from vsense.run.directory import LOGGED, MEASURES_CSV, SUMMARY, TIMESTEPS_CSV, TRAJECTORY
 from vsense.run.runs_csv import RUNS, RunRow, read_runs
-from vsense.studies.packages._archive import Package
 
 Columns = dict[str, NDArray[Any]]
 
@@ -231,6 +230,8 @@ def unpack(package: str | Path, folder: str | Path) -> list[RunTable]:
     Raises:
         VsenseError: it is no package, a file differs from its checksum, or the folder is not empty.
     """
+    from vsense.studies.packages._archive import Package  # reading a run waits for no archives
+
     with Package(Path(package)) as archive:
         archive.verify()
         archive.unpack(Path(folder))
