@@ -16,11 +16,11 @@ from vsense.base.xml.element import Element, shown
 from vsense.config import argos
 from vsense.robots import finding
 from vsense.robots.build import BuildError, cache_directory, source_tree
-from vsense.robots.compiling import CXX_SUFFIXES, LUA
 from vsense.robots.sources import (
     ARGOS_PAGE,
     CONTROLLER,
     LOOP_FUNCTIONS,
+    LUA,
     CodeOptions,
     ProgramSources,
     content,
@@ -87,7 +87,7 @@ def _read(element: Element, folder: Path, code: CodeOptions) -> tuple[str, Progr
     if argos.is_built_for_argos(library):
         return _of_library(element, library, folder, code)
     program = source_tree().program(library, folder)
-    if program.sources[0].suffix in CXX_SUFFIXES and program.is_argos:
+    if program.is_cxx and program.is_argos:
         extra = _headers(element, folder, code)
         program = finding.complete(program.sources, element.name, None, extra)
     return library, program

@@ -20,8 +20,7 @@ from typing import NamedTuple
 from vsense.base.errors import ConfigError
 from vsense.base.xml.element import Element
 from vsense.robots.build import source_tree
-from vsense.robots.compiling import PROGRAM_SUFFIXES
-from vsense.robots.sources import ProgramSources
+from vsense.robots.sources import PROGRAM_SUFFIXES, ProgramSources
 from vsense.world.sensors.quality import NOISES
 
 ROBOT_ELEMENT, DISTRIBUTE = "e-puck", "distribute"

@@ -35,8 +35,7 @@ from vsense.config.specs import (
     RobotSpec,
     Stage,
 )
-from vsense.robots.compiling import PROGRAM_SUFFIXES
-from vsense.robots.sources import CodeOptions, ProgramSources
+from vsense.robots.sources import PROGRAM_SUFFIXES, CodeOptions, ProgramSources
 from vsense.vision.markers.families import known_families, load_family
 from vsense.world.sensors.base import RobotSettings, Scope
 
@@ -325,7 +324,7 @@ def _find(name: str) -> tuple[Path, str]:
         file = f"{name}{ARGOS_SUFFIX}"
         return SHIPPED_FOLDER / file, file
     path = Path(name)
-    is_program = path.suffix in (".py", *PROGRAM_SUFFIXES)
+    is_program = path.suffix in PROGRAM_SUFFIXES
     if path.suffix == ARGOS_SUFFIX or (os.path.isfile(name) and not is_program):
         return path, name
     if os.path.isdir(name):

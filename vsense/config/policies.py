@@ -13,7 +13,7 @@ from vsense.base.errors import instead
 from vsense.base.xml.element import Element
 from vsense.config.specs import ControllerSpec
 from vsense.robots.policy import PolicyError, read_policy
-from vsense.world.sensors.base import scale_of
+from vsense.world.sensors.base import layout_dtype, scale_of
 
 Bounds = tuple[NDArray[np.float64], NDArray[np.float64]]
 
@@ -32,7 +32,7 @@ def observed(spec: ControllerSpec) -> dict[str, Bounds]:
     bounds = dict[str, Bounds]()
     for mounted in spec.sensors:
         sensor = mounted.sensor
-        count, scale = int(sensor.layout.rpartition("*")[0] or 1), scale_of(sensor)
+        (count, _), scale = layout_dtype(sensor.layout), scale_of(sensor)
         low, high = (np.broadcast_to(edge, count) for edge in (scale.low, scale.high))
         bounds[sensor.name.removeprefix("+")] = low, high
     ring = bounds.pop(_RING, None)

@@ -31,17 +31,22 @@ from vsense.robots._cache import cache_directory, known
 from vsense.robots.compiling import (
     CFLAGS,
     CXX_LIBRARIES,
-    CXX_SUFFIXES,
     CXXFLAGS,
-    POLICY,
-    PROGRAM_SUFFIXES,
-    PYTHON,
     BuildError,
     Sources,
     native,
     own_cxxflags,
 )
-from vsense.robots.sources import HASH_DIGITS, ProgramSources, folders_digest, source_roots
+from vsense.robots.sources import (
+    CXX_SUFFIXES,
+    HASH_DIGITS,
+    POLICY,
+    PROGRAM_SUFFIXES,
+    PYTHON,
+    ProgramSources,
+    folders_digest,
+    source_roots,
+)
 
 __all__ = ["BuildError", "SourceTree", "cache_directory", "daemon", "known", "shared"]
 
@@ -356,7 +361,7 @@ def _fingerprint(tree: SourceTree, program: ProgramSources, sources: Sources | N
     flags += "" if sources else folders_digest(tree.includes())  # a daemon tells it
     sources = sources or tree.daemon(program)
     versions = _cache.version(compiler)
-    versions += _cache.version(compiler.for_cxx()) if sources.is_cxx else ""
+    versions += _cache.version(compiler.for_cxx()) if sources.program.is_cxx else ""
     digest = hashlib.sha256(f"{list(compiler.command)}{versions}{flags}".encode())
     argos = tree.argos_headers() if program.is_argos else []
     if program.is_argos:

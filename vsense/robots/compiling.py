@@ -33,10 +33,6 @@ CXXFLAGS = ("-std=c++17", *SECTIONS, *PLAIN, "-fno-threadsafe-statics")
 """For a controller in C++; the user's own CXXFLAGS come after them. Exceptions and their tables
 would more than double the daemon, and nothing on a robot has two threads."""
 
-CXX_SUFFIXES, PYTHON, LUA, POLICY = (".cpp", ".cc", ".cxx"), ".py", ".lua", ".onnx"
-PROGRAM_SUFFIXES = (".c", *CXX_SUFFIXES, PYTHON, POLICY)
-"""Of a controller's file, in the order in which they are looked for."""
-
 LIBRARIES = ("-Wl,--gc-sections", "-Wl,--as-needed", "-lm")
 """What only the host uses of the C library is left out. The daemon needs libc alone; a user's
 controller may want sines, and only then gets libm."""
@@ -169,11 +165,11 @@ class Sources:
             names.append(f"{output.with_name('small')}.o")
             small = replace(toolchain, flags=toolchain.small)
             self._run(small, CFLAGS, [*for_all, "-c", "-o", names[-1], *map(str, seldom)])
-        if self.is_cxx:
+        if self.program.is_cxx:
             names += self._objects(toolchain, output, for_all)
         else:
             names += [self._c_file(toolchain, output, p, for_all) for p in self.program.sources]
-        libraries = CXX_LIBRARIES if self.is_cxx else LIBRARIES
+        libraries = CXX_LIBRARIES if self.program.is_cxx else LIBRARIES
         if self.program.is_argos and "ziglang" not in toolchain.command:
             # What is defined in headers: in ARGoS's shared libraries the first one counts, too.
             libraries = (*libraries, "-Wl,-z,muldefs")
@@ -281,18 +277,13 @@ class Sources:
         if self.program.is_argos or self.program.is_policy:
             return self.program.own_files()
         asked = ["-MM", "-MT", "it", *map(str, self.program.sources)]
-        if self.is_cxx:
+        if self.program.is_cxx:
             rule = self._run(toolchain.for_cxx(), CXXFLAGS, [*own_cxxflags(), *asked])
         else:
             rule = self._run(toolchain, CFLAGS, asked)
         # A rule for make: its lines end in a backslash, and blanks in names have one before them.
         names = re.findall(r"(?:\\[ #]|\S)+", rule.replace("\\\n", " ").removeprefix("it:"))
         return [Path(re.sub(r"\\([ #])", r"\1", name).replace("$$", "$")) for name in names]
-
-    @property
-    def is_cxx(self) -> bool:
-        """Whether the controller is C++."""
-        return any(path.suffix in CXX_SUFFIXES for path in self.program.sources)
 
     def _our_folders(self) -> list[Path]:
         return [*self.includes, *(folder / "argos" for folder in self.includes)]

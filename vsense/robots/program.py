@@ -18,11 +18,10 @@ from numpy.typing import NDArray
 from vsense.base.errors import UsageError
 from vsense.base.readings import SensorReadings
 from vsense.robots import build
-from vsense.robots.compiling import CXX_SUFFIXES, LUA, POLICY, PYTHON
 from vsense.robots.inprocess import CompiledProgram, ProgramKernel
 from vsense.robots.link.table import Table
 from vsense.robots.link.wire import ShownData, Wanted
-from vsense.robots.sources import ProgramSources
+from vsense.robots.sources import CXX_SUFFIXES, LUA, POLICY, PYTHON, ProgramSources
 
 
 class Program(Protocol):

@@ -27,8 +27,11 @@ ARGOS = "argos3/"
 CONTROLLER = "REGISTER_CONTROLLER"
 LOOP_FUNCTIONS = "REGISTER_LOOP_FUNCTIONS"
 
-_WEIGHTS = ".onnx"
-"""The suffix of a learnt policy, of which a build makes C."""
+CXX_SUFFIXES, PYTHON, LUA, POLICY = (".cpp", ".cc", ".cxx"), ".py", ".lua", ".onnx"
+HOSTED = (PYTHON, LUA)
+"""Suffixes of files that the host runs as they are; of a learnt policy a build makes C."""
+PROGRAM_SUFFIXES = (".c", *CXX_SUFFIXES, PYTHON, POLICY)
+"""Of a controller's file, in the order in which they are looked for."""
 
 MAX_NAME_BYTES = 31
 """[byte] of a controller's name. Source: c_src/vs_table.h."""
@@ -116,19 +119,24 @@ class ProgramSources:
         return any(registers(p, m) for p in self.sources for m in (CONTROLLER, LOOP_FUNCTIONS))
 
     @property
+    def is_cxx(self) -> bool:
+        """Whether it is C++."""
+        return any(path.suffix in CXX_SUFFIXES for path in self.sources)
+
+    @property
     def is_hosted(self) -> bool:
         """Whether it is a file in Python or Lua, which the host runs."""
-        return self.sources[0].suffix in (".py", ".lua")
+        return self.sources[0].suffix in HOSTED
 
     @property
     def is_lua(self) -> bool:
         """Whether it is a script for ARGoS."""
-        return self.sources[0].suffix == ".lua"
+        return self.sources[0].suffix == LUA
 
     @property
     def is_policy(self) -> bool:
         """Whether it is a learnt policy."""
-        return self.sources[0].suffix == _WEIGHTS
+        return self.sources[0].suffix == POLICY
 
     @property
     def name(self) -> str:
@@ -275,7 +283,7 @@ def folders_digest(folders: Iterable[Path]) -> str:
 
 def content(path: Path) -> bytes:
     """A source's bytes; none where it cannot be read, or is no text."""
-    if path.suffix == _WEIGHTS:
+    if path.suffix == POLICY:
         return b""
     try:
         return _content(path, path.stat().st_mtime_ns)

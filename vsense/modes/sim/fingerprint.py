@@ -29,7 +29,7 @@ from vsense.base.files import PACKAGE_FOLDER
 from vsense.modes.sim.outcome import Task
 from vsense.robots import build
 from vsense.robots.compiling import native
-from vsense.robots.sources import commit
+from vsense.robots.sources import HOSTED, LUA, commit
 
 MAX_NAME = 256
 """[byte] Longer texts are no file names, and the system refuses to look for them."""
@@ -116,10 +116,10 @@ def named_files(path: Path) -> list[Path]:
     values = {html.unescape(double or single) for double, single in quoted}
     named = (path.parent / value for value in sorted(values) if value and len(value) < MAX_NAME)
     files = dict.fromkeys([path, *(file for file in named if file.is_file())])
-    waiting = [file for file in files if file.suffix in (".py", ".lua")]
+    waiting = [file for file in files if file.suffix in HOSTED]
     while waiting:
         file = waiting.pop()
-        imported = _required(file) if file.suffix == ".lua" else _imported(file, path.parent)
+        imported = _required(file) if file.suffix == LUA else _imported(file, path.parent)
         more = [other for other in imported if other not in files]
         waiting += more
         files.update(dict.fromkeys(more))

@@ -25,7 +25,7 @@ from vsense.modes.sim.outcome import SimulatedRunError, Task, libraries_of, reco
 from vsense.modes.sim.watch import Show, WorkerProcess, simulate_all
 from vsense.monitor import recording
 from vsense.monitor.recording import megabytes
-from vsense.robots.compiling import PYTHON
+from vsense.robots.sources import PYTHON
 from vsense.run.programs import LOOP_PROGRAM
 from vsense.run.runs_csv import RunRow, versions
 from vsense.run.verdict import VoidCriteria, judge
