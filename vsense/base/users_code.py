@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import inspect
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType, TracebackType
 
 from vsense.base.arena import POSE
-from vsense.base.errors import VsenseError
+from vsense.base.errors import VsenseError, likely
 from vsense.base.files import read_bytes
 
 _MAX_SHOWN = 300
@@ -32,7 +32,7 @@ class UsersCode:
         self.file = str(path)
         self._path = path
         self._folder = str(path.resolve().parent)
-        self._error = error
+        self._error, self._module = error, ""
 
     def error(self, line: int, message: str) -> VsenseError:
         """Makes the error that something is wrong in a line of the file."""
@@ -49,7 +49,7 @@ class UsersCode:
         except OSError as error:
             reason = error.strerror or type(error).__name__
             raise self.error(1, f"cannot be read: {reason}") from None
-        module = ModuleType(name)
+        module, self._module = ModuleType(name), name
         module.__file__ = self.file
         UsersCode.ran, before = True, set(sys.modules)
         # Dataclasses look the module that they are made in up by its name.
@@ -63,6 +63,25 @@ class UsersCode:
             if file in (f"{module_path}.py", str(module_path / "__init__.py")):
                 del sys.modules[other]
         return module
+
+    def refuse_misspelt(self, holder: object, known: Collection[str], what: str) -> None:
+        """Refuses a function of the file that looks like a known one and is none.
+
+        Args:
+            holder: module, class or object that has the functions.
+            known: names of functions that are called.
+            what: says of any other that it is none of them.
+
+        Raises:
+            VsenseError: the user's, made by `error`.
+        """
+        missing = [name for name in known if getattr(holder, name, None) is None]
+        for name, routine in inspect.getmembers(holder, inspect.isroutine):
+            is_own = getattr(routine, "__module__", "") == self._module
+            is_other = is_own and not name.startswith("_") and name not in known
+            if is_other and (hint := likely(name, missing)):
+                words = f"{name} {what}{hint}; begin its name with _ if it is your own"
+                raise self.error(line_of(routine), words)
 
     @contextmanager
     def watch(

@@ -30,7 +30,7 @@ from typing import Any, NoReturn, Protocol
 
 import numpy as np
 
-from vsense.base.errors import VsenseError, instead, likely
+from vsense.base.errors import VsenseError, instead
 from vsense.base.users_code import UsersCode, line_of
 from vsense.world.entities import Arena, WorldError
 from vsense.world.fields import Floor
@@ -145,21 +145,11 @@ class LoopFunctions:
                 self._check_hook(name, hook, arguments)
                 self._hooks[name] = hook
                 self._lines[name] = line_of(hook)
-        self._refuse_misspelt(holder)
+        self._code.refuse_misspelt(holder, HOOKS, "is no loop function")
         if not self._hooks:
             hooks = ", ".join(HOOKS)
             raise LoopFunctionsError(self._file, 1, f"holds no loop function, expected: {hooks}")
         self.steps = STEPS.intersection(self._hooks)
-
-    def _refuse_misspelt(self, holder: object) -> None:
-        """Raises LoopFunctionsError for a function that looks like a hook and is none."""
-        missing = HOOKS.keys() - self._hooks.keys()
-        for name, routine in inspect.getmembers(holder, inspect.isroutine):
-            own = getattr(routine, "__module__", "") == _MODULE and not name.startswith("_")
-            hint = likely(name, missing) if own and name not in HOOKS else ""
-            if hint:
-                words = f"{name} is no loop function{hint}; begin its name with _ if it is your own"
-                raise LoopFunctionsError(self._file, line_of(routine), words)
 
     def renewed(self) -> LoopFunctions:
         """Those of another run: the file is run again."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import inspect
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from vsense.base.errors import ConfigError, VsenseError, likely
@@ -85,18 +85,8 @@ def device_of(
     if missing:
         words = f"gave has no {', '.join(missing)}{likely(missing[0], own)}"
         raise element.error(f"what from_xml of {path} {words}", "file")
-    of_file = {n: f for n, f in own.items() if getattr(f, "__module__", "") == module.__name__}
-    _refuse_misspelt(code, of_file, further)
+    code.refuse_misspelt(type(device), further, "is called by nobody")
     return UsersDevice(device, code, members[-1])
-
-
-def _refuse_misspelt(code: UsersCode, own: Mapping[str, Any], further: Sequence[str]) -> None:
-    """Raises the user's error for a function that looks like one that is called, and is none."""
-    for name in own.keys() - {*further}:
-        hint = "" if name.startswith("_") else likely(name, {*further} - own.keys())
-        if hint:
-            words = f"{name} is called by nobody{hint}; begin its name with _ if it is your own"
-            raise code.error(line_of(own[name]), words)
 
 
 def _guarded(function: Callable[..., Any], code: UsersCode) -> Callable[..., Any]:
