@@ -22,6 +22,8 @@ from vsense.world.world import NEVER_NS
 
 OWN_NUMBERS = sum(1 + count for count in OWN_COUNTS.values())
 """Of the entry `own`: of each sensor how many numbers are known, and room for them."""
+_PLACES = dict(zip(OWN_COUNTS, accumulate((1 + n for n in OWN_COUNTS.values()), initial=0)))
+"""Where each sensor begins in it."""
 _LIGHTS = (Entry(OWN_ENTRIES + 50, RGB, "12*u1"), Entry(OWN_ENTRIES + 51, MESSAGE, "5*u1"))
 LIGHT_BYTES = 17
 _STALE_TIMESTEPS = 2.5
@@ -37,6 +39,7 @@ class OwnDevices:
 
     def __init__(self, virtual: Table, tags: Sequence[int], timestep_ns: int) -> None:
         self.tags, self._stale_ns = tuple(tags), _STALE_TIMESTEPS * timestep_ns
+        self._rows = {tag: row for row, tag in enumerate(self.tags)}
         kept = [entry for entry in virtual.entries if entry.direction == Direction.SENSOR]
         sizes = [size for *_, size in virtual.of_direction(Direction.SENSOR)]
         starts = [0, *accumulate(sizes)]
@@ -55,7 +58,8 @@ class OwnDevices:
             Entry(OWN_ENTRIES + i, name, f"{OWN_COUNTS[name]}*f4")
             for i, name in enumerate(self._own)
         ]
-        self._starts, self._bytes = starts, sizes
+        self._starts = starts
+        self._sizes = [sizes[i] for i in self._columns] + [4 * OWN_COUNTS[n] for n in self._own]
         up = [Entry(e.id, e.name, e.layout, Direction.ACTUATOR) for e in more]
         self.table = Table([*(kept[i] for i in self._columns), *own, *acts, *up])
         self._values = np.zeros((len(tags), OWN_NUMBERS))
@@ -63,16 +67,15 @@ class OwnDevices:
 
     def hear(self, tag: int, numbers: bytes, measured_ns: int) -> None:
         """Takes what a robot says of its sensors, and when it has measured that."""
-        row = self.tags.index(tag)
+        row = self._rows[tag]
         self._values[row], self._own_ns[row] = np.frombuffer(numbers, "<f4"), measured_ns
 
     def sense(self, virtual: SensorReadings, capture_ns: int) -> SensorReadings:
         """What the controller senses: virtual readings of this timestep, and the own ones."""
         parts = [virtual.block[:, self._starts[i] : self._starts[i + 1]] for i in self._columns]
         times = [virtual.captures_ns[:, i] for i in self._columns]
-        at = dict(zip(OWN_COUNTS, accumulate((1 + n for n in OWN_COUNTS.values()), initial=0)))
         for name in self._own:
-            count, start = OWN_COUNTS[name], at[name]
+            count, start = OWN_COUNTS[name], _PLACES[name]
             values = self._values[:, start + 1 : start + 1 + count].copy()
             known = (self._values[:, start] > 0) & (self._own_ns != NEVER_NS)
             if name in self._fused:
@@ -80,10 +83,8 @@ class OwnDevices:
             parts.append(values.astype("<f4").view(np.uint8))
             # What is newer than the picture counts as new as that: nothing is from the future.
             times.append(np.where(known, np.minimum(self._own_ns, capture_ns), NEVER_NS))
-        sizes = [self._bytes[i] for i in self._columns] + [4 * OWN_COUNTS[n] for n in self._own]
-        return SensorReadings(
-            self.tags, sizes, np.ascontiguousarray(np.hstack(parts)), np.column_stack(times)
-        )
+        block = np.ascontiguousarray(np.hstack(parts))
+        return SensorReadings(self.tags, self._sizes, block, np.column_stack(times))
 
     def _fuse(self, name: str, values: Floats, virtual: SensorReadings, capture_ns: int) -> None:
         column, place, kind = self._fused[name]

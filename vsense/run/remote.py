@@ -88,6 +88,8 @@ class RemoteSwarm:
         }
         given = {name: devices.table for name, devices in self._devices.items()}
         self._tags = list(driven)
+        rows = {tag: row for row, tag in enumerate(driven)}
+        self._rows = {n: [rows[tag] for tag in d.tags] for n, d in self._devices.items()}
         self._programs = Programs(experiment, driven, libraries, given, seed)
         self._rings = np.zeros((len(driven), 8), np.int16)
         self._reports: Mapping[int, bytes] = {}
@@ -126,8 +128,8 @@ class RemoteSwarm:
         self._reports = {t: b for d in self._devices.values() for t, b in d.acts(reports).items()}
         self.shown.update(self._programs.shown())
         lights = np.zeros((len(self._tags), LIGHT_BYTES), np.int16)
-        for devices in self._devices.values():
-            lights[[self._tags.index(tag) for tag in devices.tags]] = devices.lights(reports)
+        for name, devices in self._devices.items():
+            lights[self._rows[name]] = devices.lights(reports)
         wheels, leds = self._programs.wheels_steps_s, self._programs.leds
         block = np.column_stack((wheels, leds.astype(np.int16), lights)).astype("<i2")
         self.commands = {
