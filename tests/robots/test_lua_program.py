@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 import shutil
@@ -22,6 +23,7 @@ from vsense.modes.sim.fingerprint import named_files
 from vsense.robots.link.wire import Wanted
 from vsense.run.environment import Environment
 from vsense.run.programs import Programs, shared_objects
+from vsense.studies.series._simulated import programs_of
 
 RECORDED = DATA / "argos-lua"
 STEP_NS = 100_000_000
@@ -193,6 +195,13 @@ def test_scripts_find_what_lies_beside_them_their_parameters_and_their_random_nu
     assert {file.name for file in named_files(Path("mine.argos"))} >= {"mine.lua", "beside.lua"}
     drawn = re.findall(r"e\d (3\.\d+) 5", once)
     assert len(set(drawn)) == 4
+
+
+def test_rows_of_a_series_name_the_script_by_its_own_digest(folder: Path) -> None:
+    mine(MINE)
+    built = shared_objects(load("mine.argos"))
+    digest = hashlib.sha256(Path("mine.lua").read_bytes()).hexdigest()
+    assert programs_of({k: str(path) for k, path in built.items()}) == [f"mine={digest[:12]}"]
 
 
 @pytest.mark.parametrize(

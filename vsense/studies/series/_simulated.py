@@ -25,7 +25,7 @@ from vsense.modes.sim.outcome import SimulatedRunError, Task, libraries_of, reco
 from vsense.modes.sim.watch import Show, WorkerProcess, simulate_all
 from vsense.monitor import recording
 from vsense.monitor.recording import megabytes
-from vsense.robots.sources import PYTHON
+from vsense.robots.sources import HOSTED
 from vsense.run.programs import LOOP_PROGRAM
 from vsense.run.runs_csv import RunRow, versions
 from vsense.run.verdict import VoidCriteria, judge
@@ -196,7 +196,7 @@ def programs_of(built: Mapping[str, str]) -> list[str]:
 
 def _digest(program: Path) -> str:
     """What was built bears its digest; a file that is run as it is does not."""
-    return of_file(program) if program.suffix == PYTHON else program.parent.name
+    return of_file(program) if program.suffix in HOSTED else program.parent.name
 
 
 def _bar(console: Console, todo: Sequence[Task], count: Callable[[], int], goal: str) -> Show:
