@@ -21,6 +21,7 @@ from tests.rigs.places import DATA, ROOT
 from tests.rigs.processes import Program, free_ports
 from tests.rigs.web import page_options
 from vsense import cli
+from vsense.run.runs_csv import read_runs
 
 pytestmark = [pytest.mark.system, pytest.mark.paced]
 
@@ -212,8 +213,21 @@ def test_what_is_simulated_takes_all_its_options(folder: Path, said: Any) -> Non
         assert told["experiment"] == "foraging"
 
 
+def test_comparisons_and_searches_take_all_their_options(folder: Path, said: Any) -> None:
+    how = "--duration 1 --seed 3 --set foraging.pull=0.2 --lenient --format svg --style ggplot"
+    told = said(f"compare foraging foraging --minimize robots_carrying --margin 5% {how} --json")
+    assert (told["verdict"], told["margin"], told["pairs"]) == ("not worse", 0.05, 8)
+    searched = "--vary foraging.release=0,1 --minimize robots_carrying --runs 1 --trials 2"
+    told = said(f"optimize foraging {searched} {how} --json")
+    assert {trial["settings"]["foraging.release"] for trial in told["trials"]} == {"0", "1"}
+    for table in Path("runs").glob("*.csv"):
+        assert {row.seed for row in read_runs(table)} in ({3}, {*range(3, 11)})
+        assert "#e5e5e5" in table.with_suffix(".svg").read_text().lower()
+    assert len([*Path("runs").glob("*.csv")]) == 2
+
+
 @pytest.mark.parametrize(
-    "command", ["sim", "lab", "run", "render", "robot calibrate", "robot check"]
+    "command", ["sim", "lab", "run", "render", "robot calibrate", "robot check", "optimize"]
 )
 def test_shipped_experiments_are_listed(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
