@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
+from vsense.base import clock
 from vsense.base.arena import POSE, ArenaState
 from vsense.base.errors import pip_line
 from vsense.robots import boards
@@ -123,6 +124,11 @@ def share_parts(cache: Path, factory: pytest.TempPathFactory) -> None:
     """Has a new cache of builds use the parts that all tests of this session compile once."""
     (cache / "vsense").mkdir(parents=True)
     (cache / "vsense" / "parts").symlink_to(shared_folder("parts", factory))
+
+
+def pytest_runtest_setup() -> None:
+    # A test that ran a lab with a pace in this process has left its clock slower.
+    clock.slow(1000)
 
 
 @pytest.fixture

@@ -14,6 +14,7 @@ import pytest
 import vsense
 from tests.rigs.processes import is_alive
 from tests.system.rehearsal import emulated
+from vsense.base.clock import host_ns
 from vsense.modes.lab._microcontrollers import read_actuations
 from vsense.run.runs_csv import RUNS, read_runs
 
@@ -80,7 +81,7 @@ def test_a_lab_ends_in_order_when_its_owner_is_killed(tmp_path: Path) -> None:
         assert process.stdout is not None
         lab = int(process.stdout.readline())
         process.send_signal(signal.SIGKILL)
-        killed_ns = time.clock_gettime_ns(time.CLOCK_MONOTONIC_RAW)
+        killed_ns = host_ns()
     while is_alive(lab):
         time.sleep(0.05)
     rows = read_actuations(tmp_path / "run" / "actuations.bin")
