@@ -57,6 +57,7 @@ LONG = (
     "tests/robots/test_c_suite.py",
     "tests/monitor/ui/test_page.py",
     "tests/monitor/ui/test_server.py",
+    *(f"tests/system/test_{name}.py" for name in ("every_option", "first_day", "series")),
 )
 """Files of a few long tests: they begin first, so that no worker is left alone with one."""
 
