@@ -427,9 +427,9 @@ BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
     "vsense in Python": (("vsense",), (".py",), 514, 104900, 400),
     "the page": (("vsense",), (".js", ".css", ".html"), 46, 6000, 300),
-    "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 269, 29600, 400),
+    "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 278, 30400, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 34, 7100, 512),
-    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 633, 107300, 657),
+    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 635, 107800, 657),
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 
