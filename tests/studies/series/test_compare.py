@@ -35,6 +35,9 @@ ITEMS = ("--maximize", "items_home")
 Draw = Callable[[np.random.Generator, int], tuple[Floats, Floats]]
 
 
+_ALIKE = SimpleNamespace(length_s=60.0, robots=())
+
+
 def final_verdict(old: Floats, new: Floats, margin: float) -> str:
     """What a comparison says that looks at pairs one after the other."""
 
@@ -49,8 +52,11 @@ def final_verdict(old: Floats, new: Floats, margin: float) -> str:
             return [{"x": value} for value in {OLD: old, NEW: new}[side][:seeds]]
 
     objective = SimpleNamespace(measure="x", more=True, of=lambda row: row["x"])
+    alike: Any = dict.fromkeys((OLD, NEW), SimpleNamespace(experiment=_ALIKE))
     asked: Any = _Looks(objective, Margin(margin), len(old))
-    return str(asked.take(Making(), {}, Console(io.StringIO()), _sequential.FEWEST_ALIKE).verdict)
+    return str(
+        asked.take(Making(), alike, Console(io.StringIO()), _sequential.FEWEST_ALIKE).verdict
+    )
 
 
 def paired(share: float, start_share: float = 0.5) -> Draw:
@@ -309,3 +315,49 @@ def test_a_tenth_of_foraging_is_missed(folder: Path) -> None:
     digit = 'np.floor(1e5 * world.robots["x_m"])[:count] % 10.0'
     write_other(folder, f"(arrived & ({digit} != 7.0))")
     assert verdicts_of_foraging(50).count(WORSE) >= 40
+
+
+IMPORTS = """
+from helper import SPEED
+
+class Controller:
+    def __init__(self, robot):
+        for name in ("speed_cm_s", "walk_s", "enough"):
+            robot.param(name, 1.0)
+
+    def step(self, robot):
+        robot.set_wheels(SPEED, SPEED)
+"""
+
+
+def test_what_a_controller_imports_is_part_of_what_is_compared(folder: Path, capsys) -> None:
+    """A controller's file takes the place of the experiment's: its helper changes."""
+    (folder / "new").mkdir()
+    (folder / "new" / "mine.py").write_text(IMPORTS)
+    tables = set()
+    for speed in (300, 0):
+        (folder / "new" / "helper.py").write_text(f"SPEED = {speed}\n")
+        how = ("--duration", "5", "--robots", "3", "--pairs", "8", "--json")
+        assert compare("phototaxis", "new/mine.py", "--minimize", "light_distance_m", *how) != 2
+        tables.add(json.loads(capsys.readouterr().out)["table"])
+    assert len(tables) == 2
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (('length="120"', 'length="60"'), "old has 120 s a run, new 60: .*--duration makes"),
+        (('quantity="15"', 'quantity="12"'), "old has 15 robots, new 12: .*--robots makes"),
+    ],
+)
+def test_sides_of_other_sizes_are_not_compared(
+    change: tuple[str, str], words: str, folder: Path, capsys
+) -> None:
+    path = folder / "mine" / "mine.argos"
+    assert change[0] in path.read_text(), path.read_text()
+    text = path.read_text().replace(*change)
+    path.write_text(re.sub(r'vs:tags="[^"]*"', "", text) if "quantity" in change[0] else text)
+    assert compare("foraging", "mine", *ITEMS) == 2
+    assert re.search(words, capsys.readouterr().err)
+    with pytest.raises(UsageError, match=r"margin 10: the old mean is .*; is '10%' meant"):
+        vsense.compare("foraging", "foraging", maximize="items_home", margin=10, duration_s=20)

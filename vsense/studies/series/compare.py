@@ -199,6 +199,18 @@ def compare(
     return replace(answer, picture=making.draw(partial(_draw, answer)))
 
 
+def _check_alike(both: Mapping[str, PlannedExperiment]) -> None:
+    """UsageError: runs of one side are longer, or have more robots."""
+    old, new = (both[side].experiment for side in (OLD, NEW))
+    for what, sizes, option in (
+        ("s a run", (old.length_s, new.length_s), "--duration"),
+        ("robots", (len(old.robots), len(new.robots)), "--robots"),
+    ):
+        if sizes[0] != sizes[1]:
+            words = f"old has {sizes[0]:g} {what}, new {sizes[1]:g}"
+            raise UsageError(f"{words}: no measure tells them apart; {option} makes them alike")
+
+
 @dataclass(frozen=True)
 class _Looks:
     """What runs are judged by, and at most so many pairs of them."""
@@ -215,6 +227,7 @@ class _Looks:
         alike: int,
     ) -> Comparison:
         """Makes pairs, and looks at them again and again; raises as `GrowingRuns.complete`."""
+        _check_alike(both)
         looks: list[tuple[int, Shift]] = []
         measure, margin = spoken(self.objective.measure), self.margin
         fewest = _sequential.fewest_to_pass(margin.value, margin.relative) if alike else 0
