@@ -89,7 +89,8 @@ class Microcontrollers:
         for link in self.links:
             link.program.state.body.watchdog_us = WATCHDOG_US if watchdog else 0
         self.bases = [
-            f"{kind}:{link.device}{',ground' if grounded and isinstance(link, Bus) else ''}"
+            link.program.kind.base(kind, link.device)
+            + (",ground" if grounded and isinstance(link, Bus) else "")
             for kind, link in zip(kinds, self.links)
         ]
 
