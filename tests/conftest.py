@@ -19,7 +19,7 @@ from hypothesis import settings
 from vsense.base import clock
 from vsense.base.arena import POSE, ArenaState
 from vsense.base.errors import pip_line
-from vsense.robots import boards
+from vsense.robots import boards, build
 
 # What this machine's accounts share is none of the tests' business.
 os.environ["VSENSE_LAB"] = ""
@@ -32,7 +32,7 @@ settings.load_profile("vsense")
 
 ALONE = (
     *("tests/faults/", "tests/monitor/ui/test_lab_page.py"),
-    *(f"tests/system/test_{name}.py" for name in ("attacked_lab", "flooded_lab", "kills", "lab")),
+    *(f"tests/system/test_{name}.py" for name in ("attacked_lab", "flooded_lab", "lab")),
 )
 """Tests that need the machine for themselves: whole labs that keep or measure times. Those marked
 `quick` end before anything keeps time, those marked `paced` measure none."""
@@ -57,6 +57,7 @@ LONG = (
     "tests/robots/test_c_suite.py",
     "tests/monitor/ui/test_page.py",
     "tests/monitor/ui/test_server.py",
+    *(f"tests/system/test_{name}.py" for name in ("every_option", "first_day", "series")),
 )
 """Files of a few long tests: they begin first, so that no worker is left alone with one."""
 
@@ -120,10 +121,16 @@ def shared_folder(name: str, factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+CROSS_COMPILED = build.cache_directory() / "zig"
+"""The user's: a C library of one board takes the cross compiler half a minute."""
+
+
 def share_parts(cache: Path, factory: pytest.TempPathFactory) -> None:
     """Has a new cache of builds use the parts that all tests of this session compile once."""
     (cache / "vsense").mkdir(parents=True)
     (cache / "vsense" / "parts").symlink_to(shared_folder("parts", factory))
+    CROSS_COMPILED.mkdir(parents=True, exist_ok=True)
+    (cache / "vsense" / "zig").symlink_to(CROSS_COMPILED)
 
 
 def pytest_runtest_setup() -> None:

@@ -18,7 +18,7 @@ from tests.rigs import compiling
 from tests.rigs.places import ROOT
 from tests.robots.rig import TABLE, Rig
 from tests.robots.rosters import FAKE_DAEMON, SSH, write_program
-from vsense.robots.compiling import HOST_FLAGS
+from vsense.robots.compiling import HOST_FLAGS, native
 from vsense.robots.link.table import Direction, Entry, Table
 
 STRICT = ["-std=c99", "-D_POSIX_C_SOURCE=200809L", *compiling.STRICT]
@@ -29,6 +29,12 @@ DROPS = Table([*TABLE.entries, Entry(11, "drops", "u4", Direction.ACTUATOR)])
 FLAGS = [*STRICT, *HOST_FLAGS, *compiling.SANITIZE]
 QUICKLY = ("-O0", "-fno-sanitize=all")
 """For daemons whose C is not what is tested."""
+
+
+@pytest.fixture
+def natively(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Has boards' daemons compiled as labs' are, whose parts are there already."""
+    monkeypatch.setattr("vsense.robots.boards.toolchain", lambda target, cache: native())
 
 
 class Builder:

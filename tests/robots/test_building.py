@@ -87,11 +87,12 @@ def test_host_build_through_the_command(
 
 
 def test_sources_and_headers_of_argos_are_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    natively: None,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     require_tool("c++", "build-essential")
-    # As labs' daemons are built, whose files are compiled already.
-    monkeypatch.setattr(boards, "toolchain", lambda target, cache: boards.native())
     monkeypatch.chdir(tmp_path)
     walk = ROOT / "tests" / "system" / "walk.cpp"
     (tmp_path / "pace.h").write_text("#define WALK_CM_S 4.0\n")

@@ -62,7 +62,6 @@ def test_the_labs_daemon_has_it(walker: Path, suffix: str) -> None:
     assert build.daemon(f"walker{suffix}", walker.parent) == made
 
 
-@pytest.mark.usefixtures("arm_cache")
 @pytest.mark.parametrize("name", ["small", "cxx_memory", "made", "my  own"])
 def test_it_may_have_any_name(walker: Path, tmp_path: Path, name: str) -> None:
     """Names of what is made on the way, too."""
@@ -82,13 +81,6 @@ def test_its_hash_is_the_same_on_every_machine(walker: Path, tmp_path: Path) -> 
     ]
 
 
-@pytest.fixture
-def arm_cache(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The user's own cache: zig makes its C++ library once, which takes a minute."""
-    monkeypatch.delenv("XDG_CACHE_HOME")
-
-
-@pytest.mark.usefixtures("arm_cache")
 def test_it_runs_on_the_oldest_board(tmp_path: Path) -> None:
     qemu = require_tool("qemu-arm", "qemu-user")
     require_zig()
@@ -98,7 +90,6 @@ def test_it_runs_on_the_oldest_board(tmp_path: Path) -> None:
     assert said.endswith(f"controller walker {built.hash}\n")
 
 
-@pytest.mark.usefixtures("arm_cache")
 def test_its_steps_run_there_too(tmp_path: Path) -> None:
     """Vectors, the C++ library's memory and atomics, on the emulated processor."""
     qemu = require_tool("qemu-arm", "qemu-user")

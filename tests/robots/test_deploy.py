@@ -34,7 +34,6 @@ from vsense.config.experiment import load
 from vsense.config.placement import settle
 from vsense.modes.lab._microcontrollers import Microcontrollers
 from vsense.robots import deploying
-from vsense.robots.compiling import native
 from vsense.robots.link.keys import INSECURE
 from vsense.robots.link.server import LinkEvent, VirtualSensorServer
 from vsense.robots.sources import ProgramSources
@@ -115,7 +114,7 @@ def test_a_dry_run_says_what_would_be_sent_and_reaches_nobody(
 
 
 def test_a_new_experiment_is_brought_to_as_many_robots_as_there_are(
-    boards: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    boards: Path, natively: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert cli.main(["new", "first"]) == 0
     assert cli.main(["robot", "init", "root@192.168.1.30-31"]) == 0
@@ -323,16 +322,10 @@ def host() -> Iterator[tuple[VirtualSensorServer, int, Callable[..., LinkEvent]]
 
 
 def test_an_experiment_brings_each_robot_its_own_program(
-    boards: Path,
-    tmp_path: Path,
-    host,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    boards: Path, natively: None, tmp_path: Path, host, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Real daemons on two boards with different bases; then one gets the other's program."""
     require_tool("cc", "build-essential")
-    # What labs' daemons are built with: zig would compile all of vsensed again, for a minute.
-    monkeypatch.setattr("vsense.robots.boards.toolchain", lambda target, cache: native())
     server, port, wait = host
     bases = Microcontrollers(["argos", "asercom"])
     predator, prey = 31, 7488

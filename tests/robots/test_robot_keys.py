@@ -302,7 +302,7 @@ def test_no_key_is_left_behind_where_a_board_refuses(
 
 
 def test_robots_whose_hosts_come_later_are_left_out(
-    boards: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    boards: Path, natively: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert cli.main(["new", "first"]) == 0
     common = ["--host", "10.0.0.1", "--base", "argos:/dev/ttyS0", "--insecure", "--target", "host"]

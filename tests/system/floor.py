@@ -24,6 +24,7 @@ from tests.rigs.processes import free_port
 from vsense.base.clock import host_ns
 from vsense.modes.lab._microcontrollers import Actuation, Microcontrollers
 from vsense.robots import build
+from vsense.robots.sources import ProgramSources
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -280,7 +281,9 @@ class Floor:
             measured while it was large says nothing.
     """
 
-    def __init__(self, tags: list[int], controller: str = build.SHIPPED_CONTROLLER) -> None:
+    def __init__(
+        self, tags: list[int], controller: str | ProgramSources = build.SHIPPED_CONTROLLER
+    ) -> None:
         """`controller` is what the daemons run."""
         self.tags = tags
         self.applied: dict[int, list[Actuation]] = {tag: [] for tag in tags}

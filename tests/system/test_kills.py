@@ -17,11 +17,15 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+import vsense
 from tests.rigs.processes import children
 from tests.system.floor import MS, Floor, LinesTracker, Program, experiment
+from vsense.config.experiment import load
 from vsense.robots import build
+from vsense.robots.sources import ProgramSources
 
 pytestmark = pytest.mark.system
 
@@ -48,23 +52,30 @@ function step() robot.wheels.set_velocity(4, 3) end
 """,
 }
 """Controllers that run on the host."""
+POLICY = "walk.onnx"
+"""A policy, which runs on the robots."""
 
 
 class Stage:
     """Everything that can be killed."""
 
     def __init__(self, folder: Path, driver: str = "") -> None:
-        """`driver` is a file of DRIVERS that drives the robots."""
-        self.floor = Floor(TAGS, build.REMOTE) if driver else Floor(TAGS)
+        """`driver` is a file of DRIVERS that drives the robots, or POLICY."""
         self._more = ["--hold"] if driver else []
         self._folder = folder
         self._runs = 0
         self._lines = LinesTracker(TAGS)
         framework = self._lines.framework()
         self._file = experiment(folder, framework, TAGS, 3000)
+        program: str | ProgramSources = build.REMOTE if driver else build.SHIPPED_CONTROLLER
         if driver:
-            (folder / driver).write_text(DRIVERS[driver])
             self._file.write_text(driven(self._file.read_text(), driver))
+        if driver == POLICY:
+            vsense.save_policy(folder / driver, [(np.zeros((8, 2)), [0.3, 0.2], "tanh")])
+            program = load(self._file).controllers[0].program
+        elif driver:
+            (folder / driver).write_text(DRIVERS[driver])
+        self.floor = Floor(TAGS, program)
         self.port = 0
         self.host = self._start_host()
         self.tracker = self._start_tracker()
@@ -132,7 +143,7 @@ def stage(tmp_path: Path, punctual: None) -> Iterator[Stage]:
 
 
 def driven(text: str, driver: str) -> str:
-    """An experiment's text whose robots a file on the host drives."""
+    """An experiment's text whose robots do what a file says."""
     old = re.search(r"<pollutant_controller.*</pollutant_controller>", text, re.S)
     assert old is not None
     name, library = "mine", f' library="{driver}"'
@@ -140,14 +151,15 @@ def driven(text: str, driver: str) -> str:
     if driver.endswith(".lua"):
         name, library, params = "lua", "", f'<params script="{driver}" />'
     wheels = '<actuators><differential_steering implementation="default" /></actuators>'
-    new = f'<{name}_controller id="wanderer"{library}>{wheels}<sensors />{params}'
+    sensors = "<sensors />"
+    if driver == POLICY:
+        sensors = '<sensors><epuck_proximity implementation="default" /></sensors>'
+    new = f'<{name}_controller id="wanderer"{library}>{wheels}{sensors}{params}'
     return text.replace(old[0], f"{new}</{name}_controller>")
 
 
-@pytest.mark.parametrize("driver", DRIVERS)
-def test_robots_that_a_file_on_the_host_drives_stop(
-    driver: str, tmp_path: Path, punctual: None
-) -> None:
+@pytest.mark.parametrize("driver", [*DRIVERS, POLICY])
+def test_robots_that_a_file_drives_stop(driver: str, tmp_path: Path, punctual: None) -> None:
     stage = Stage(tmp_path, driver)
     floor = stage.floor
 
