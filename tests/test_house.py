@@ -425,7 +425,7 @@ def test_functions_fit_a_screen() -> None:
 
 BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
-    "vsense in Python": (("vsense",), (".py",), 514, 104950, 400),
+    "vsense in Python": (("vsense",), (".py",), 515, 105060, 400),
     "the page": (("vsense",), (".js", ".css", ".html"), 46, 6000, 300),
     "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 276, 30500, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 34, 7100, 512),
@@ -433,7 +433,7 @@ BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 
-CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 71840, 48, 19
+CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 71880, 48, 19
 """Lines of code in `vsense/`; imports between rooms, and between folders inside of rooms."""
 DOORS_MAX, NAMES_MAX = 196, 788
 """Modules that another room imports, and names taken from them."""

@@ -21,8 +21,11 @@ from tests.rigs import compiling
 from tests.rigs.processes import children, is_alive
 from tests.robots.conftest import QUICKLY, ROOT, Builder
 from tests.robots.rig import MS, TAG, BareRobot, Daemon, Host, Rig, S, live_until
+from tests.robots.rosters import deploy
 from tests.robots.stopping import GUARD_NS, ORDER_NS, still_within, wait_said
 from vsense.base.clock import host_ns
+from vsense.config.roster import read as read_roster
+from vsense.robots._drivers import Driver
 from vsense.robots.link.wire import Wanted
 
 PAGE = ROOT / "robot" / "DRIVERS.md"
@@ -166,6 +169,44 @@ def test_another_daemons_driver_does_not_get_the_device(rig: Rig) -> None:
     rig.wait_for(lambda: "another process holds the device" in second.said, "its reason")
     rig.wait_for(lambda: "base: the driver ended" in second.said, "the daemon's word")
     assert second.process.poll() is None and is_alive(driver)
+
+
+def test_deploy_brings_a_driver_with_the_file_that_it_needs(
+    boards: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("own", "shipped"):
+        (boards / name / "run" / "systemd" / "system").mkdir(parents=True)
+    (tmp_path / "mine.py").write_text("import vsense_driver\n")
+    (tmp_path / "room.txt").write_text("white\n")
+    lines = (
+        "own tag=1 base=exec:mine.py~/dev/ttyUSB0~room.txt\nshipped tag=2 base=exec:epuck~/dev/x\n"
+    )
+    assert deploy(tmp_path, lines) == 2
+    said = capsys.readouterr().err
+    assert "own: its base is a driver, and this vsensed has none" in said and not list(
+        boards.glob("*.told")
+    )
+    with (tmp_path / "vsensed").open("a") as daemon:
+        daemon.write("# exec:COMMAND\n")
+    assert deploy(tmp_path, lines) == 0
+    place = Path("usr/local/lib/vsense")
+    own, shipped = boards / "own", boards / "shipped"
+    conf = (own / "etc/vsensed.conf").read_text()
+    assert f"base = exec:python3 /{place}/mine.py /dev/ttyUSB0 /{place}/room.txt\n" in conf
+    assert f"base = exec:python3 /{place}/epuck.py /dev/x\n" in (
+        (shipped / "etc/vsensed.conf").read_text()
+    )
+    helper = (ROOT / "robot/drivers/vsense_driver.py").read_bytes()
+    names = {p.name: p.read_bytes() for p in (own / place).iterdir()}
+    assert names == {
+        "mine.py": b"import vsense_driver\n",
+        "room.txt": b"white\n",
+        "vsense_driver.py": helper,
+    }
+    assert {p.name for p in (shipped / place).iterdir()} == {"epuck.py", "vsense_driver.py"}
+    base = str(read_roster(tmp_path / "robots.toml").robots[1].base)
+    driver = Driver.of(base, tmp_path)
+    assert driver is not None and driver.here().startswith(f"exec:{sys.executable} {ROOT}")
 
 
 # A driver that does what a test says: its line ends in the test.
