@@ -8,7 +8,7 @@
 
 /* A daemon for the oldest boards has no room for them. */
 #ifdef VSENSED_DRIVERS
-#define DRIVERS(LINE) LINE(exec)
+#define DRIVERS(LINE) LINE(exec) LINE(wifi)
 #else
 #define DRIVERS(LINE)
 #endif

@@ -425,15 +425,15 @@ def test_functions_fit_a_screen() -> None:
 
 BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
-    "vsense in Python": (("vsense",), (".py",), 515, 105060, 400),
+    "vsense in Python": (("vsense",), (".py",), 516, 105200, 400),
     "the page": (("vsense",), (".js", ".css", ".html"), 46, 6000, 300),
-    "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 276, 30500, 400),
+    "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 283, 31450, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 34, 7100, 512),
-    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 635, 108400, 657),
+    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 636, 108550, 657),
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 
-CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 71880, 48, 19
+CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 71990, 48, 19
 """Lines of code in `vsense/`; imports between rooms, and between folders inside of rooms."""
 DOORS_MAX, NAMES_MAX = 196, 788
 """Modules that another room imports, and names taken from them."""

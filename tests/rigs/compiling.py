@@ -63,6 +63,7 @@ BASES = [*ROBOT.glob("base*.c"), *C_SRC.glob("epuck_*.c"), *C_SRC.glob("vs_i2c*.
 BASES += [ROBOT / "number.c", C_SRC / "vs_format.c", C_SRC / "vs_posix.c"]
 BASES += [
     *ROBOT.glob("driver*.c"),
+    ROBOT / "wifi_line.c",
     *(ROBOT / f"{p}.c" for p in ("guard_rights", "report", "signals")),
 ]
 BASES += [*FIRMWARE.glob("*.c")]

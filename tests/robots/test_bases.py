@@ -28,6 +28,7 @@ from tests.robots.stopping import SILENCE_NS, still_within
 from vsense.base.clock import host_ns
 from vsense.base.native import ffi, lib
 from vsense.base.readings import SensorReadings
+from vsense.modes.lab._air import Air
 from vsense.modes.lab.hardware import BASE_KINDS
 from vsense.robots.link.table import Table
 from vsense.robots.link.wire import Wanted
@@ -51,7 +52,9 @@ def kind(request: pytest.FixtureRequest) -> str:
 
 def native(test: Callable[..., None]) -> Callable[..., None]:
     """Of bases that open their device themselves."""
-    return pytest.mark.parametrize("kind", [k for k in BASE_KINDS if k != "exec"])(test)
+    return pytest.mark.parametrize("kind", [k for k in BASE_KINDS if k not in ("exec", "wifi")])(
+        test
+    )
 
 
 @pytest.fixture
@@ -70,7 +73,7 @@ def test_it_drives_cleans_and_ends(rig: Rig) -> None:
     rig.wait_for(lambda: rig.moving and rig.applied[-1].leds == 0, "motion again")
     last = rig.host.last
     assert (last.battery_low, last.base_errors, last.guard_restarts) == (
-        0 if rig.link.program.kind.byte_ns else 255,
+        255 if rig.link.program.kind.prefix in ("fw_gctronic", "fw_york") else 0,
         0,
         0,
     )
@@ -127,6 +130,8 @@ def faults_of(rig: Rig) -> list[Callable[[], None]]:
 
         return fail
 
+    if isinstance(rig.link, Air):
+        return [rig.link.break_off, lambda: rig.link.garble(b"\x07")]
     if rig.link.program.kind.byte_ns:
         ways = [(d, w) for d in ("rx", "tx") for w in ("lose", "flip", "twice")]
         return [on_line(direction, what) for direction, what in ways]

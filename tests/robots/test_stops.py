@@ -19,7 +19,7 @@ from vsense.robots.link.wire import StopCause
 
 Rigs = Callable[..., Rig]
 
-NATIVE = [kind for kind in BASE_KINDS if kind != "exec"]
+NATIVE = [kind for kind in BASE_KINDS if kind not in ("exec", "wifi")]
 """A driver stops its robot when its daemon is gone."""
 
 WATCHDOG_NS = 400 * MS

@@ -186,7 +186,7 @@ def build(controller: str | ProgramSources, target: str, output: Path) -> Built:
     compiler = toolchain(board, cache_directory())
     sources = tree.daemon(program, plain=True)
     if not board.drivers:
-        own = [path for path in sources.own if path.stem not in DRIVER_PARTS]
+        own = [path for path in sources.own if path.stem not in (*DRIVER_PARTS, "epuck_wifi")]
         sources = replace(sources, own=own)
     try:
         if "ziglang" not in compiler.command:  # which keeps by itself what it has compiled

@@ -60,8 +60,8 @@ RUNTIME_PARTS = (
 )
 """What of `c_src/` a robot's controller runtime needs beside `robot/`: the protocol's own files."""
 
-DRIVER_PARTS = ("driver", "driver_process", "driver_record")
-"""What of `robot/` only a daemon needs whose base can be a driver."""
+DRIVER_PARTS = ("driver", "driver_process", "driver_record", "base_wifi", "wifi_line")
+"""What of `robot/` only a daemon needs whose base can be a driver, or a robot on Wi-Fi."""
 
 SYSTEM_PARTS = (
     "atomics",

@@ -69,6 +69,7 @@ PROGRAMS: dict[str, FirmwareKind] = {
     "gctronic": FirmwareKind("fw_gctronic"),
     "york": FirmwareKind("fw_york", count="writes"),
     "exec": replace(_ASERCOM, driver="epuck.py"),
+    "wifi": FirmwareKind("fw_wifi"),
 }
 
 
