@@ -86,35 +86,39 @@ int vs_encode_welcome(const struct vs_header *header, const struct vs_welcome *w
 
 int vs_decode_welcome(const uint8_t *body, size_t len, struct vs_welcome *welcome)
 {
-    struct vs_welcome b;
     struct vs_reader r;
     const uint8_t *nonce;
     const uint8_t *params;
     const uint8_t *table;
+    uint32_t timestep_us;
+    uint32_t seed;
+    uint16_t params_len;
     size_t table_len;
     int err;
 
     vs_reader_init(&r, body, len);
     nonce = vs_get_bytes(&r, VS_NONCE_SIZE);
-    b.timestep_us = vs_get_u32(&r);
-    b.seed = vs_get_u32(&r);
-    b.params_len = vs_get_u16(&r);
-    params = vs_get_bytes(&r, b.params_len);
+    timestep_us = vs_get_u32(&r);
+    seed = vs_get_u32(&r);
+    params_len = vs_get_u16(&r);
+    params = vs_get_bytes(&r, params_len);
     table_len = vs_get_u16(&r);
     table = vs_get_bytes(&r, table_len);
     err = vs_reader_end(&r);
     if (err != VS_OK)
         return err;
-    if (b.params_len > VS_PARAMS_MAX || b.timestep_us == 0)
+    if (params_len > VS_PARAMS_MAX || timestep_us == 0)
         return VS_ERR_BODY;
-    err = vs_text_check(params, b.params_len, 1);
-    if (err == VS_OK)
-        err = vs_table_decode(&b.table, table, table_len);
+    err = vs_text_check(params, params_len, 1);
+    if (err == VS_OK) /* in place: a copy would be most of a microcontroller's stack */
+        err = vs_table_decode(&welcome->table, table, table_len);
     if (err != VS_OK)
         return err;
-    memcpy(b.nonce, nonce, VS_NONCE_SIZE);
-    b.params = (const char *)params;
-    *welcome = b;
+    memcpy(welcome->nonce, nonce, VS_NONCE_SIZE);
+    welcome->timestep_us = timestep_us;
+    welcome->seed = seed;
+    welcome->params_len = params_len;
+    welcome->params = (const char *)params;
     return VS_OK;
 }
 

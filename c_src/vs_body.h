@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: MIT */
 /*
  * vs_body.h - what each packet says (PROTOCOL.md). vs_encode_* writes a whole packet and sets its
- * type and length itself, whatever the header says; vs_decode_* reads the body that vs_packet_open
- * found and leaves its output alone on error: VS_ERR_SPACE (encode), VS_ERR_BODY, VS_ERR_TEXT.
+ * type and length itself; vs_decode_* reads the body that vs_packet_open found and leaves its output
+ * alone on error, but for WELCOME's table (then empty): VS_ERR_SPACE (encode), _BODY, _TEXT.
  */
 #ifndef VS_BODY_H
 #define VS_BODY_H

@@ -36,7 +36,8 @@ int vs_greeting_hello(struct vs_session *s, struct vs_header *header,
     hello.started = s->config.started;
     hello.uptime_s = s->uptime_s;
     hello.tag = s->config.tag;
-    hello.capabilities = VS_CAPABLE_HOME | (s->config.keyed ? VS_CAPABLE_KEYED : 0);
+    hello.capabilities = (uint16_t)((s->config.cannot_home ? 0 : VS_CAPABLE_HOME) |
+                                    (s->config.keyed ? VS_CAPABLE_KEYED : 0));
     hello.params_room = VS_PARAMS_ROOM;
     hello.entries_room = VS_TABLE_MAX;
     hello.datagram_room = VS_DATAGRAM_MAX;

@@ -15,7 +15,9 @@ int vs_session_offer(struct vs_session *s, const struct vs_welcome *w)
     s->params[w->params_len] = '\0';
     s->seed = w->seed;
     s->timestep_ns = (uint64_t)w->timestep_us * 1000;
+#ifndef VS_SMALL /* software for double takes 2 kB */
     s->timestep_s = (double)s->timestep_ns / 1e9;
+#endif
     s->phase = VS_PHASE_OPEN;
     s->open = 1;
     return VS_OK;

@@ -1,9 +1,8 @@
 /* SPDX-License-Identifier: MIT */
 /*
  * vs_session.h - the robot's end of the protocol, sans-I/O: bytes and times in,
- * bytes and events out. No sockets, no clock, no memory but this struct (about
- * 14 KiB), owned by the caller and used from one thread. now_ns is the robot's own
- * monotonic clock [ns].
+ * bytes and events out. No sockets, no clock, no memory but this struct (14.5 KiB;
+ * 2.5 with VS_SMALL), the caller's, used from one thread. now_ns: own monotonic clock [ns].
  *
  *   TCP is up    -> vs_session_connected, send what vs_session_tcp_out gives (HELLO)
  *   TCP bytes    -> vs_session_tcp_in, again while bytes are left; <0: close
@@ -18,10 +17,8 @@
 #include "vs_clock.h"
 #include "vs_peer.h"
 
-/* [byte] of parameters that this build can hold; HELLO tells the host. So it does of
- * VS_TABLE_MAX and VS_DATAGRAM_MAX. */
-#ifndef VS_PARAMS_ROOM
-#define VS_PARAMS_ROOM 4096
+#ifndef VS_SMALL
+#define VS_PARAMS_ROOM 4096 /* [byte] of parameters that it can hold; HELLO tells the host */
 #endif
 
 #define VS_FUTURE_NS 50000000 /* [ns] a capture further ahead than this is an error */
@@ -51,6 +48,7 @@ struct vs_session_config {
     uint16_t tag;
     uint8_t keyed;             /* it has a key, and obeys only a host that has it, too */
     uint8_t key[VS_KEY_SIZE];  /* its own; of no meaning unless keyed */
+    uint8_t cannot_home;       /* it cannot drive to a goal by itself: VS_HOME stops it */
     uint8_t clock_slewed; /* now_ns is of a clock that may be slewed: vs_clock.h */
     char name[VS_NAME_MAX + 1];
     char controller[VS_NAME_MAX + 1];
@@ -80,7 +78,9 @@ struct vs_session {
     uint32_t offer;        /* counts the WELCOMEs whose table or params differ from those before */
     uint32_t seed;
     uint64_t timestep_ns;  /* [ns] length of a timestep */
+#ifndef VS_SMALL
     double timestep_s;     /* [s] the same: divided once, not in every control step */
+#endif
     uint32_t run;          /* of the newest STATE */
     uint32_t timestep;
     uint32_t from_timestep;

@@ -210,10 +210,12 @@ int vs_table_decode(struct vs_table *t, const uint8_t *buf, size_t len)
         err = decode_entry(t, &r);
     if (err == VS_OK)
         err = vs_reader_end(&r);
-    if (err != VS_OK)
-        clear(t);
-    rehash(t);
-    return err;
+    if (err != VS_OK) {
+        vs_table_init(t);
+        return err;
+    }
+    t->hash = vs_crc32(buf, len); /* a table is written in one way only */
+    return VS_OK;
 }
 
 int vs_table_find(const struct vs_table *t, const char *name)

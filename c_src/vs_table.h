@@ -11,14 +11,20 @@
 #include <stdint.h>
 
 #include "vs_err.h"
+#ifdef VS_SMALL
+#include "vs_small.h"
+#endif
 
 #define VS_NAME_MAX 31       /* [byte] names and layouts, without the final zero */
+
+#ifndef VS_SMALL
 #define VS_TABLE_MAX 32      /* entries */
 #define VS_TABLE_BYTES 2177  /* [byte] largest encoded table: 1 + 32 * 68 */
 
 /* Room for payloads in one datagram of 1200 bytes, after its fixed part. */
 #define VS_SENSOR_BYTES 1112  /* STATE: sum over sensors of 4 + size */
 #define VS_ACTUATOR_BYTES 683 /* TELEMETRY: sum over actuators of size, over readings of 4 + size */
+#endif
 
 enum vs_direction {
     VS_SENSOR = 0,   /* host -> robot, in STATE: a payload and its age */

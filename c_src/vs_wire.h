@@ -11,6 +11,9 @@
 #include <stdint.h>
 
 #include "vs_err.h"
+#ifdef VS_SMALL
+#include "vs_small.h"
+#endif
 #include "vs_tag.h"
 
 #define VS_MAGIC 0x5356       /* the bytes 'V' 'S' */
@@ -18,7 +21,9 @@
 #define VS_PREFIX_SIZE 8      /* magic..length: enough to frame a stream */
 #define VS_HEADER_SIZE 56
 #define VS_PACKET_MIN 72      /* header + tag */
+#ifndef VS_SMALL
 #define VS_DATAGRAM_MAX 1200  /* STATE and TELEMETRY, on UDP and on TCP */
+#endif
 #define VS_GREETING_MAX 512   /* HELLO, REFUSE, GOODBYE */
 #define VS_PACKET_MAX 8192    /* WELCOME */
 

@@ -168,6 +168,7 @@ def test_docs_refuses_what_it_does_not_know(tree: Path) -> None:
 
 SUBJECTS = (
     *("tracking", "identity", "world", "sim", "homing", "grabbing", "robot"),
+    "embedded",
     *("hard", "argos", "spread", "faults", "fuzz", "soak", "mutants", "callbacks"),
     "disobedience",
 )

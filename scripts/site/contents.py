@@ -51,6 +51,7 @@ SECTIONS: dict[str, tuple[str, ...]] = {
     ),
     "Protocols": (
         "c_src/PROTOCOL.md",
+        "c_src/MICROCONTROLLERS.md",
         "vsense/robots/link/SECURITY.md",
         "vsense/robots/link/PORTS.md",
         "vsense/robots/link/TRACKERS.md",

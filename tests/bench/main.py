@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
-from tests.bench import grabbing, homing, identity, robot, sim, tracking, world
+from tests.bench import embedded, grabbing, homing, identity, robot, sim, tracking, world
 from vsense.base.errors import VsenseError
 from vsense.commands import _arguments
 
@@ -53,6 +53,11 @@ SUBJECTS: dict[str, tuple[Callable[[Options], dict[str, Any]], Callable[[Any], s
         "says what a GigE camera's pictures cost on top of finding markers in them, with Aravis'"
         " fake camera or your own (--device)",
     ),
+    "embedded": (
+        lambda options: embedded.run(_say),
+        embedded.table,
+        "says what flash, memory and stack a robot's end of the protocol takes on a Cortex-M4",
+    ),
     "robot": (
         lambda options: robot.run(_say),
         robot.table,
@@ -83,6 +88,7 @@ _OPTIONS: dict[str, dict[str, dict[str, Any]]] = {
         "--rounds": _ROUNDS,
         "--device": {"metavar": "ID", "help": "a GigE camera's address, id or serial number"},
     },
+    "embedded": {},
     "robot": {},
 }
 

@@ -6,8 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from tests.bench import robot, robot_calls
+from tests.bench import embedded, robot, robot_calls
 from tests.conftest import require_tool, require_zig
+from tests.rigs.places import ROOT
+from vsense.base.errors import UsageError
 from vsense.robots import boards
 from vsense.robots.build import SHIPPED_CONTROLLER
 from vsense.robots.compiling import BuildError
@@ -85,3 +87,21 @@ def test_table_of_a_machine_that_can_measure_nothing() -> None:
     assert "a perceptron of 16-32-32-2 numbers: not counted" in text
     assert "every byte that a controller shows in every step: 17.5 instructions" in text
     assert "system calls of a control step at 10 Hz, all processes: 40 of 42 allowed" in text
+
+
+def test_a_microcontroller_has_room_for_its_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    require_tool(embedded.COMPILER, embedded.PACKAGES)
+    report = embedded.run(lambda text: None)
+    print(embedded.table(report))
+    small, *_, large = report["rooms"]
+    assert 4_000 < small["flash"] <= embedded.FLASH_MAX
+    assert 1_000 < small["ram"] <= embedded.RAM_MAX < large["ram"]
+    assert 0 < small["stack"] < large["stack"]
+    page = (ROOT / "c_src" / "MICROCONTROLLERS.md").read_text()
+    for row in report["rooms"][:-1]:
+        words = [row["entries"], row["params"], row["datagram"]]
+        figures = [f"{row[name]:,}" for name in ("flash", "ram", "stack")]
+        assert f"| {' | '.join([*map(str, words), *figures])} |" in page
+    monkeypatch.setenv("PATH", "/nowhere")
+    with pytest.raises(UsageError, match=embedded.PACKAGES):
+        embedded.run(lambda text: None)

@@ -282,13 +282,16 @@ class Floor:
     """
 
     def __init__(
-        self, tags: list[int], controller: str | ProgramSources = build.SHIPPED_CONTROLLER
+        self,
+        tags: list[int],
+        controller: str | ProgramSources = build.SHIPPED_CONTROLLER,
+        base: str = "argos",
     ) -> None:
-        """`controller` is what the daemons run."""
+        """`controller` is what the daemons run, on bases of this kind."""
         self.tags = tags
         self.applied: dict[int, list[Actuation]] = {tag: [] for tag in tags}
         self.held_up_ns = 0
-        self._bases = Microcontrollers(["argos"] * len(tags))
+        self._base, self._bases = base, Microcontrollers([base] * len(tags))
         self._daemon = build.daemon(controller)
         self._daemons: dict[int, Program] = {}
         self._parts: list[Part] = []
@@ -306,6 +309,10 @@ class Floor:
     def clock() -> int:
         """The clock of the loop and of the bases [ns]."""
         return host_ns()
+
+    def device(self, tag: int) -> str:
+        """The line that leads to a robot's base."""
+        return self._bases.devices[self.tags.index(tag)]
 
     def worker(self, tag: int) -> Program:
         """A robot's daemon."""
@@ -330,9 +337,9 @@ class Floor:
         """
         if tag in self._daemons:
             self.disconnect(tag)
-        device = self._bases.devices[self.tags.index(tag)]
+        device = self.device(tag)
         words = ["--host", host, "--port", str(port), "--tag", str(tag)]
-        words += ["--uid", f"{tag:032x}", "--insecure", "--base", f"argos:{device}"]
+        words += ["--uid", f"{tag:032x}", "--insecure", "--base", f"{self._base}:{device}"]
         self._daemons[tag] = Program(*where, str(self._daemon), *words)
 
     def disconnect(self, tag: int) -> None:
