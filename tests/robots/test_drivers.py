@@ -25,7 +25,7 @@ from tests.robots.rosters import deploy
 from tests.robots.stopping import GUARD_NS, ORDER_NS, still_within, wait_said
 from vsense.base.clock import host_ns
 from vsense.config.roster import read as read_roster
-from vsense.robots._drivers import Driver
+from vsense.robots.drivers import Driver
 from vsense.robots.link.wire import Wanted
 
 PAGE = ROOT / "robot" / "DRIVERS.md"

@@ -29,8 +29,8 @@ from queue import SimpleQueue
 from vsense.base.errors import ConfigError, VsenseError
 from vsense.base.terminal import printable
 from vsense.robots import boards
-from vsense.robots._drivers import Driver, check_daemon
 from vsense.robots.boards import SSH
+from vsense.robots.drivers import Driver, check_daemon
 from vsense.robots.link.keys import KeySource, robot_file
 
 _BOARD = Path(__file__).parent / "board"
