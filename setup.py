@@ -36,7 +36,7 @@ URL = os.environ.get("VSENSE_URL", "").rstrip("/")
 SOURCES = {
     "": ("README.md", "CHANGELOG.md"),
     "c_src": ("*.c", "*.h", "*.md"),
-    "robot": ("**/*.c", "**/*.cpp", "**/*.h", "**/*.hpp", "**/*.txt", "**/*.md"),
+    "robot": ("**/*.c", "**/*.cpp", "**/*.h", "**/*.hpp", "**/*.txt", "**/*.md", "**/*.py"),
     "firmware_bridge": ("*.c", "*.h", "*.md"),
     "tests": ("README.md", "fuzz/README.md"),
 }

@@ -6,12 +6,20 @@
 #include "base_config.h"
 #include "../c_src/vs_i2c_posix.h"
 
+/* A daemon for the oldest boards has no room for them. */
+#ifdef VSENSED_DRIVERS
+#define DRIVERS(LINE) LINE(exec) LINE(wifi)
+#else
+#define DRIVERS(LINE)
+#endif
+
 /* Every kind of base, in the order in which help names them. */
 #define BASES(LINE) \
     LINE(argos)     \
     LINE(asercom)   \
     LINE(gctronic)  \
-    LINE(york)
+    LINE(york)      \
+    DRIVERS(LINE)
 
 #define DECLARE(name) extern const struct vs_base_ops vs_base_##name;
 #define POINT_TO(name) &vs_base_##name,

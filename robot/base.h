@@ -1,9 +1,8 @@
 /* SPDX-License-Identifier: MIT */
 /*
  * base.h - a base: whatever turns wheels and lights LEDs below the Linux board. One kind of base is
- * one struct of functions in one file of its own and one line in base.c's table; nobody else knows
- * what it keeps in base->state. No function blocks for longer than 100 ms, recovery goes in steps,
- * so that its owner, the guard, can answer in between.
+ * one struct of functions in one file of its own and one line in base.c's table. No function blocks
+ * for longer than 100 ms: its owner, the guard, answers in between.
  */
 #ifndef VS_BASE_H
 #define VS_BASE_H
@@ -18,7 +17,11 @@
 #include "../c_src/vs_io.h"
 
 #define VS_BASE_STATE_MAX 256  /* [byte] what a kind of base may keep */
-#define VS_BASE_DEVICE_MAX 111 /* [byte] longest path of a device or bus */
+#ifdef VSENSED_DRIVERS
+#define VS_BASE_DEVICE_MAX 255 /* [byte] longest path of a device or bus, or command of a driver */
+#else
+#define VS_BASE_DEVICE_MAX 111
+#endif
 #define VS_BASE_LEDS 0x3FF     /* bits 0-7 ring, 8 body, 9 front */
 #define VS_BASE_RGB_LEDS 4
 #define VS_BASE_EXCHANGE_NS 30000000u /* [ns] longest exchange */
@@ -53,6 +56,7 @@ struct vs_base_reading {
     int16_t rates[3];    /* [1/EPUCK_IMU_DIGITS rad/s] x, y, z */
     uint8_t has_rates;   /* 0: they are not measured */
     uint8_t has_distance; /* 0: distance_mm is not measured at all */
+    uint32_t age_us;     /* [us] how old it was when it came: driver.h */
     struct vs_board_reading boards; /* no base writes it: boards have processes of their own */
 };
 
@@ -110,6 +114,7 @@ struct vs_base {
     uint16_t counters[2]; /* of the wheels, as read last */
     int32_t steps[2];
     uint8_t counting;     /* 1: counters were read since the base was found */
+    uint64_t until_ns;    /* by then the next command comes, or wheels rest: driver.h */
     union {
         uint64_t for_alignment;
         uint8_t bytes[VS_BASE_STATE_MAX];
@@ -132,7 +137,7 @@ int vs_base_exchange(struct vs_base *base, const struct vs_base_command *command
 void vs_base_see(const int16_t prox[8], const int16_t light[8], int16_t most,
                  struct vs_base_reading *reading);
 
-/* For an exchange: what the accelerometer, NULL if there is none, and so many microphones say. */
+/* For an exchange: what the accelerometer, or NULL, and so many microphones say. */
 void vs_base_feel(const int16_t acceleration[3], const int16_t *microphones, int count,
                   struct vs_base_reading *reading);
 
@@ -140,7 +145,6 @@ void vs_base_feel(const int16_t acceleration[3], const int16_t *microphones, int
 void vs_base_count(struct vs_base *base, const uint16_t counters[2],
                    struct vs_base_reading *reading);
 
-/* Every kind of base of this daemon, ended by NULL. */
-extern const struct vs_base_ops *const vs_bases[];
+extern const struct vs_base_ops *const vs_bases[]; /* every kind of this daemon, then NULL */
 
 #endif

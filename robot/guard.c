@@ -3,6 +3,7 @@
 
 #include <string.h>
 
+#include "driver.h"
 #include "leds.h"
 
 enum { ENDING_ORPHANED = 1, ENDING_CLOSE = 2 };
@@ -166,7 +167,7 @@ static void lose(struct vs_guard *g, int result)
 static void exchanged(struct vs_guard *g, int result, uint64_t now_ns)
 {
     if (result == VS_OK) {
-        g->reading_ns = now_ns;
+        g->reading_ns = now_ns - vs_driver_age_ns(&g->reading);
         g->due = 0;
     } else if (result == VS_ERR_LATE) {
         /* written is not applied: a byte may be lost; only an answer proves a stop */

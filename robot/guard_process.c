@@ -7,6 +7,7 @@
 #include <sys/socket.h>
 #include <sys/time.h>
 
+#include "driver.h"
 #include "signals.h"
 #include "watchdog.h"
 #include "../c_src/vs_posix.h"
@@ -53,6 +54,7 @@ static void perform(struct process *p, enum vs_guard_action action)
 {
     struct vs_guard *g = &p->guard;
 
+    vs_driver_until(p->base, vs_guard_deadline_ns(g));
     if (action == VS_GUARD_EXCHANGE)
         p->result = vs_base_exchange(p->base, &g->command, &g->reading);
     else if (action == VS_GUARD_RECOVER)

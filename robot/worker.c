@@ -167,6 +167,8 @@ static void trace(struct vs_worker *w)
 static void on_reply(struct vs_worker *w, const struct vs_guard_reply *reply)
 {
     vs_talk_guard(&w->talk, reply);
+    if (reply->news != NULL)
+        vs_log_add(&w->loop.robot.log, reply->news);
     vs_loop_reply(&w->loop, reply, &w->now);
     if (w->loop.talk_due)
         vs_talk_unused(&w->loop.robot, vs_controller.name);

@@ -425,17 +425,17 @@ def test_functions_fit_a_screen() -> None:
 
 BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
-    "vsense in Python": (("vsense",), (".py",), 514, 105100, 418),
+    "vsense in Python": (("vsense",), (".py",), 517, 105800, 400),
     "the page": (("vsense",), (".js", ".css", ".html"), 46, 6000, 300),
-    "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 278, 30400, 400),
+    "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 292, 32250, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 34, 7100, 512),
-    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 635, 108000, 657),
+    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 638, 109050, 657),
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 
-CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 71900, 48, 19
+CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 72120, 48, 19
 """Lines of code in `vsense/`; imports between rooms, and between folders inside of rooms."""
-DOORS_MAX, NAMES_MAX = 196, 788
+DOORS_MAX, NAMES_MAX = 197, 792
 """Modules that another room imports, and names taken from them."""
 SPLATS_MAX, OUTSIDE_MAX = 10, 224
 """Calls `f(*(a, b))`; attributes that are assigned from outside of their object."""

@@ -159,5 +159,6 @@ def test_what_needs_an_extra_says_so_before_anything_starts(package: str, folder
 
 
 def test_every_extra_is_tried() -> None:
-    from_python = {"anywidget", "pandas", "pettingzoo", "pyarrow"}  # see tests/studies
+    # see tests/studies, and what robot/drivers/thymio.py says
+    from_python = {"anywidget", "pandas", "pettingzoo", "pyarrow", "thymiodirect"}
     assert set(NEEDS) == set(EXTRAS) - from_python

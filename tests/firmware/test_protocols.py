@@ -348,3 +348,45 @@ def test_messages_are_sent_from_the_highest_byte_on() -> None:
     """A board shifts what it gets; register 14 sends. Source: I2CSlaveDrv.c of argos3-epuck."""
     assert list(lib.epuck_rab_writes(4)[0:4]) == [13, 19, 20, 14]
     assert list(lib.epuck_rab_writes(2)[0:2]) == [13, 14]
+
+
+def test_a_wifi_command_is_what_the_stand_in_of_webots_reads() -> None:
+    """cyberbotics/webots 0bc4549 e-puck2_server.c: places 1, 3 to 7, and 8 to 19."""
+    command = ffi.new(
+        "struct epuck_wifi_command *",
+        {
+            "asks": lib.EPUCK_WIFI_STREAM_SENSORS,
+            "left_steps_s": -300,
+            "right_steps_s": 700,
+            "leds": 1 << 0 | 1 << 4 | 1 << 8 | 1 << 9,
+            "rgb": [[1, 2, 3], [0, 0, 0], [4, 5, 6], [100, 0, 0]],
+        },
+    )
+    packet = ffi.new("uint8_t[]", lib.EPUCK_WIFI_COMMAND_LEN)
+    lib.epuck_wifi_put_command(command, packet)
+    colours = [1, 2, 3, 0, 0, 0, 4, 5, 6, 100, 0, 0]
+    lamps = 0x01 | 0x04 | 0x10 | 0x20
+    assert bytes(packet) == struct.pack("<BBBhhB12BB", 0x80, 2, 0, -300, 700, lamps, *colours, 0)
+    back = ffi.new("struct epuck_wifi_command *")
+    assert lib.epuck_wifi_get_command(packet, back) == 0
+    assert bytes(ffi.buffer(back)) == bytes(ffi.buffer(command))
+
+
+def test_wifi_sensors_are_where_both_programs_have_them() -> None:
+    packet = bytearray(104)
+    struct.pack_into("<8H", packet, 37, *range(100, 108))
+    struct.pack_into("<8H", packet, 53, *range(200, 208))
+    struct.pack_into("<H", packet, 69, 345)
+    struct.pack_into("<HH", packet, 79, 65535, 2)
+    struct.pack_into("<H", packet, 83, 3300)
+    struct.pack_into("<3H", packet, 90, 7, 8, 1023)
+    sensors = ffi.new("struct epuck_wifi_sensors *")
+    assert lib.epuck_wifi_get_sensors(bytes(packet), sensors) == 0
+    assert list(sensors.prox) == [*range(100, 108)] and list(sensors.light) == [*range(200, 208)]
+    assert (sensors.distance_mm, *sensors.steps, sensors.battery) == (345, 65535, 2, 3300)
+    assert list(sensors.ground) == [7, 8, 1023]
+    again = ffi.new("uint8_t[]", 104)
+    lib.epuck_wifi_put_sensors(sensors, again)
+    assert bytes(again) == bytes(packet)
+    packet[54] = 0x20  # a light of 8 thousand
+    assert lib.epuck_wifi_get_sensors(bytes(packet), sensors) == -1

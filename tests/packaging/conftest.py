@@ -25,6 +25,7 @@ EXTRAS = (
     "record",
     "report",
     "tables",
+    "thymio",
     "web",
 )
 """All that users can ask for but the compiler, which is pinned."""

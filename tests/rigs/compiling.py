@@ -61,6 +61,11 @@ MINDS = [ROBOT / f"{part}.c" for part in ("loop", "telling", "homing", "guard", 
 MINDS += [ROBOT / "battery.c", *CALIBRATION, *OWN]
 BASES = [*ROBOT.glob("base*.c"), *C_SRC.glob("epuck_*.c"), *C_SRC.glob("vs_i2c*.c")]
 BASES += [ROBOT / "number.c", C_SRC / "vs_format.c", C_SRC / "vs_posix.c"]
+BASES += [
+    *ROBOT.glob("driver*.c"),
+    ROBOT / "wifi_line.c",
+    *(ROBOT / f"{p}.c" for p in ("guard_rights", "report", "signals")),
+]
 BASES += [*FIRMWARE.glob("*.c")]
 ROBOT_SUITES = {
     "robot_base": BASES,
@@ -72,7 +77,7 @@ ROBOT_SUITES = {
     "robot_memory": [ROBOT / "memory.c"],
     "robot_guard": [ROBOT / "guard.c"],
     "robot_guard_process": [
-        *(ROBOT / f"{part}.c" for part in ("guard", "guard_process", "report", "signals")),
+        *(ROBOT / f"{part}.c" for part in ("guard", "guard_process")),
         *(ROBOT / "watchdog.c", *BASES),
     ],
     "robot_posix": [],

@@ -10,6 +10,7 @@ import select
 import signal
 import socket
 import subprocess
+import tty
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -420,3 +421,38 @@ class Rig:
             daemon.close()
         self.host.close()
         self.unplug()
+
+
+class BareRobot:
+    """Two wheels and a lamp behind a terminal, as `base_bare.c` says."""
+
+    def __init__(self) -> None:
+        self.master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        self.device = os.ttyname(self._slave)
+        self.state = (0, 0, 0)
+        self._line = b""
+
+    def serve(self) -> None:
+        self._line += os.read(self.master, 100)
+        while b"\n" in self._line:
+            line, _, self._line = self._line.partition(b"\n")
+            left, right, lamp = map(int, line.split())
+            self.state = (left, right, lamp)
+            os.write(self.master, b"ok\n")
+
+    def close(self) -> None:
+        os.close(self.master)
+        os.close(self._slave)
+
+
+def live_until(condition: Callable[[], object], robot: BareRobot, host: Host) -> None:
+    """Has host and robot live until the condition holds."""
+    end_ns = host_ns() + 20_000 * MS
+    while not condition():
+        assert host_ns() < end_ns, f"waited in vain; the robot does {robot.state}"
+        watched = [robot.master, *host.descriptors()]
+        ready = set(select.select(watched, [], [], 0.001)[0])
+        if robot.master in ready:
+            robot.serve()
+        host.serve(ready, host_ns())

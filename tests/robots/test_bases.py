@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import math
 import os
-import select
 import signal
 import subprocess
-import tty
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -15,11 +13,22 @@ import numpy as np
 import pytest
 
 from tests.robots.conftest import QUICKLY, ROOT, Builder
-from tests.robots.rig import CLEAN, MS, POLLUTED, TAG, TIMESTEP_NS, Host, Rig
+from tests.robots.rig import (
+    CLEAN,
+    MS,
+    POLLUTED,
+    TAG,
+    TIMESTEP_NS,
+    BareRobot,
+    Host,
+    Rig,
+    live_until,
+)
 from tests.robots.stopping import SILENCE_NS, still_within
 from vsense.base.clock import host_ns
 from vsense.base.native import ffi, lib
 from vsense.base.readings import SensorReadings
+from vsense.modes.lab._air import Air
 from vsense.modes.lab.hardware import BASE_KINDS
 from vsense.robots.link.table import Table
 from vsense.robots.link.wire import Wanted
@@ -41,6 +50,13 @@ def kind(request: pytest.FixtureRequest) -> str:
     return found
 
 
+def native(test: Callable[..., None]) -> Callable[..., None]:
+    """Of bases that open their device themselves."""
+    return pytest.mark.parametrize("kind", [k for k in BASE_KINDS if k not in ("exec", "wifi")])(
+        test
+    )
+
+
 @pytest.fixture
 def rig(rigs: Rigs, kind: str) -> Rig:
     """A rig with a daemon that was just started, on any kind of base."""
@@ -57,7 +73,7 @@ def test_it_drives_cleans_and_ends(rig: Rig) -> None:
     rig.wait_for(lambda: rig.moving and rig.applied[-1].leds == 0, "motion again")
     last = rig.host.last
     assert (last.battery_low, last.base_errors, last.guard_restarts) == (
-        0 if rig.link.program.kind.byte_ns else 255,
+        255 if rig.link.program.kind.prefix in ("fw_gctronic", "fw_york") else 0,
         0,
         0,
     )
@@ -114,6 +130,8 @@ def faults_of(rig: Rig) -> list[Callable[[], None]]:
 
         return fail
 
+    if isinstance(rig.link, Air):
+        return [rig.link.break_off, lambda: rig.link.garble(b"\x07")]
     if rig.link.program.kind.byte_ns:
         ways = [(d, w) for d in ("rx", "tx") for w in ("lose", "flip", "twice")]
         return [on_line(direction, what) for direction, what in ways]
@@ -156,6 +174,7 @@ def test_a_stuck_bus_is_told_and_found_again(rigs: Rigs, name: str) -> None:
     rig.wait_for(lambda: rig.host.last.left_steps_s != 0 and rig.moving, "motion again")
 
 
+@native
 def test_only_one_daemon_has_the_base(rig: Rig) -> None:
     rig.run()
     second = rig.begin(*rig.words(tag=str(TAG + 1)))
@@ -165,6 +184,7 @@ def test_only_one_daemon_has_the_base(rig: Rig) -> None:
     assert rig.moving
 
 
+@native
 def test_a_base_that_is_gone_ends_the_daemon(rig: Rig) -> None:
     rig.run()
     rig.unplug()
@@ -338,34 +358,11 @@ def test_a_board_that_is_missing_is_told(talker: Path) -> None:
     rig.close()
 
 
-class BareRobot:
-    """Two wheels and a lamp behind a terminal, as `base_bare.c` says."""
-
-    def __init__(self) -> None:
-        self.master, self._slave = os.openpty()
-        tty.setraw(self._slave)
-        self.device = os.ttyname(self._slave)
-        self.state = (0, 0, 0)
-        self._line = b""
-
-    def serve(self) -> None:
-        self._line += os.read(self.master, 100)
-        while b"\n" in self._line:
-            line, _, self._line = self._line.partition(b"\n")
-            left, right, lamp = map(int, line.split())
-            self.state = (left, right, lamp)
-            os.write(self.master, b"ok\n")
-
-    def close(self) -> None:
-        os.close(self.master)
-        os.close(self._slave)
-
-
 def test_a_base_that_is_no_e_puck_is_one_file_and_one_line(tmp_path: Path, build: Builder) -> None:
     table = (ROOT / "robot" / "base.c").read_text()
-    assert table.count("    LINE(york)\n") == 1
+    assert table.count("    LINE(york)      \\\n") == 1
     more = tmp_path / "base.c"
-    more.write_text(table.replace("    LINE(york)\n", "    LINE(york)      \\\n    LINE(bare)\n"))
+    more.write_text(table.replace("    LINE(york) ", "    LINE(bare)      \\\n    LINE(york) "))
     bare = Path(__file__).parent / "base_bare.c"
     source = tmp_path / "drive.c"
     source.write_text(
@@ -401,15 +398,3 @@ def test_a_base_that_is_no_e_puck_is_one_file_and_one_line(tmp_path: Path, build
         process.communicate()
         robot.close()
         host.close()
-
-
-def live_until(condition: Callable[[], object], robot: BareRobot, host: Host) -> None:
-    """Has host and robot live until the condition holds."""
-    end_ns = host_ns() + 20_000 * MS
-    while not condition():
-        assert host_ns() < end_ns, f"waited in vain; the robot does {robot.state}"
-        watched = [robot.master, *host.descriptors()]
-        ready = set(select.select(watched, [], [], 0.001)[0])
-        if robot.master in ready:
-            robot.serve()
-        host.serve(ready, host_ns())

@@ -39,7 +39,7 @@ def test_version_and_help(program: Path) -> None:
         (["--tag", "x"], "--tag: expected a number from 0 to 65535, got 'x'"),
         (
             ["--base", "yrok:/dev/null"],
-            "KIND one of argos, asercom, gctronic, york, got 'yrok:/dev/null'",
+            "KIND one of argos, asercom, gctronic, york, exec, wifi, got 'yrok:/dev/null'",
         ),
         (["--base", "argos:"], "got 'argos:'"),
         (["--uid", "12"], "--uid: expected 32 hexadecimal digits, got '12'"),

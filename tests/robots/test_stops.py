@@ -19,6 +19,9 @@ from vsense.robots.link.wire import StopCause
 
 Rigs = Callable[..., Rig]
 
+NATIVE = [kind for kind in BASE_KINDS if kind not in ("exec", "wifi")]
+"""A driver stops its robot when its daemon is gone."""
+
 WATCHDOG_NS = 400 * MS
 STEP_NS = 100 * MS
 STOP_NS = 450 * MS
@@ -55,7 +58,7 @@ def stopped_ns(rig: Rig, since_ns: int) -> int:
     return next(at_ns for at_ns in rests if at_ns >= since_ns)
 
 
-@pytest.mark.parametrize("kind", BASE_KINDS)
+@pytest.mark.parametrize("kind", NATIVE)
 def test_both_processes_killed_at_once_with_a_firmware_watchdog(rigs: Rigs, kind: str) -> None:
     rig = rigs(kind=kind, watchdog=True)
     rig.start()
@@ -70,7 +73,7 @@ def test_both_processes_killed_at_once_with_a_firmware_watchdog(rigs: Rigs, kind
     rig.run()
 
 
-@pytest.mark.parametrize("kind", BASE_KINDS)
+@pytest.mark.parametrize("kind", NATIVE)
 def test_both_processes_killed_at_once_without_one(rigs: Rigs, kind: str) -> None:
     """README and `--help` say so; the next daemon finds the robot and stops it."""
     rig = rigs(kind=kind)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import signal
 import socket
@@ -15,6 +16,7 @@ from typing import Any
 
 import pytest
 
+from tests.rigs.processes import descendants
 from tests.system.cameras import NetworkCameras
 from tests.system.floor import MS, Floor, LinesTracker, OriginalTracker, Program, experiment
 from tests.system.recording import make_recording
@@ -365,3 +367,37 @@ def test_a_port_in_use_is_one_line(tmp_path: Path) -> None:
         code, said = fails(str(file), "--port", "0", "--output", str(tmp_path / "notes"))
     assert code == 1
     assert f"TCP port {port} on 127.0.0.1 is in use" in said and said.count("\n") == 1
+
+
+def test_robots_without_a_board_are_driven_from_here(tmp_path: Path) -> None:
+    floor = Floor(TAGS, base="wifi")
+    tracker = LinesTracker(TAGS)
+    floor.add(tracker)
+    try:
+        file = experiment(tmp_path, tracker.framework(), TAGS, 600)
+        tables = [f'[[robot]]\ntag = {t}\nbase = "wifi:{floor.device(t)}"\n' for t in TAGS]
+        roster = tmp_path / "robots.toml"
+        roster.write_text("".join(tables))
+        program, _ = start_run(floor, tmp_path, str(file), "--roster", str(roster))
+        text = f"driven from this machine: {', '.join(map(str, TAGS))}. If it loses power"
+        floor.wait_for(program.heard(text), "who drives them")
+        floor.wait_for(floor.moving, "motion")
+        daemons = {pid for pid in descendants(program.process.pid) if is_named(pid, "vsensed")}
+        workers = [pid for pid in daemons if parent(pid) == program.process.pid]
+        assert len(workers) == len(TAGS)
+        os.kill(workers[0], signal.SIGKILL)
+        floor.wait_for(program.heard(r"robot \d+: its vsensed here .*SIGKILL"), "the word")
+        floor.wait_for(floor.moving, "motion again")
+        program.process.send_signal(signal.SIGINT)
+        assert end(floor, program) == 130
+        floor.wait_for(floor.resting, "rest")
+    finally:
+        floor.close()
+
+
+def is_named(pid: int, name: str) -> bool:
+    return Path(f"/proc/{pid}/comm").read_text().strip() == name
+
+
+def parent(pid: int) -> int:
+    return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])

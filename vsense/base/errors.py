@@ -25,6 +25,7 @@ EXTRAS = {
     "pettingzoo": "learn",
     "pyarrow": "tables",
     "scipy": "report",
+    "thymiodirect": "thymio",
     "ziglang": "robot",
     "zstandard": "record",
 }

@@ -19,6 +19,7 @@ import traceback
 from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from functools import partial
+from pathlib import Path
 from typing import IO, Any
 
 END_TIMEOUT_S = 5.0
@@ -43,6 +44,11 @@ ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 def python_module(module: str) -> tuple[str, ...]:
     """The words that start a Python module: nothing in the current folder is imported for it."""
     return (sys.executable, *_SAFE, module)
+
+
+def python_file(path: Path) -> tuple[str, ...]:
+    """The words that start a file in Python: it imports what lies beside it."""
+    return (sys.executable, str(path))
 
 
 def start_module(module: str, *arguments: str, **options: Any) -> Started:

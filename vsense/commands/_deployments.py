@@ -30,6 +30,7 @@ def _planned(plan: Plan, robot: RobotHost) -> dict[str, Any]:
         "tag": int(robot.settings["tag"]),
         "vsensed_bytes": len(plan.binaries[robot.destination]) if plan.binaries else None,
         "settings": plan.settings_of(robot) if all_of_it else None,
+        "driver": sorted(robot.files),
         "key": plan.brings_key(robot),
         "service": plan.kind if all_of_it else None,
         "check": plan.check,

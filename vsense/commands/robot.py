@@ -257,6 +257,7 @@ def deploy(options: argparse.Namespace) -> int:
     robots = _rosters.boards(roster, options.tags, Console().say)
     with tempfile.TemporaryDirectory(prefix="vsense-") as folder:
         plan, robots = _plan(options, roster, robots, Path(folder))
+    robots = deploying.with_drivers(plan, robots, roster.path.parent)
     if plan.part is Part.ALL:
         deploying.check(plan, robots, str(roster.path))
         if not options.insecure:

@@ -34,6 +34,9 @@ from vsense.config.roster_fields import DEFAULTS, LAB, MarkerOffset, RobotCalibr
 
 FILE_NAME = "robots.toml"
 
+_REACHED = ("exec:", "wifi:")
+"""Kinds of base that need no board: a driver, and an e-puck2 on its own Wi-Fi."""
+
 SPARE = "a spare"
 """Why no experiment takes a spare by itself."""
 
@@ -77,6 +80,11 @@ class RosterRobot:
     def why_not(self) -> str:
         """Why no experiment takes it by itself; "": it may."""
         return f"out of order: {self.out_of_order}" if self.out_of_order else SPARE * self.spare
+
+    @property
+    def is_driven_here(self) -> bool:
+        """Whether it has no board: the machine of the run reaches its base by itself."""
+        return not self.host and self.base.startswith(_REACHED)
 
     def __str__(self) -> str:
         return f"robot {self.tag}{f' ({self.name})' if self.name else ''}"

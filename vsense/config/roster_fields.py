@@ -136,7 +136,7 @@ def _spans(count: int, least: int, most: int, words: str) -> Reader:
 _SETTING = r"[^\s'\"\\$`#]+"
 
 DEFAULTS: Schema = {
-    "base": matching(_SETTING, 'a base of vsensed, such as "argos:/dev/ttyS0"'),
+    "base": matching(rf"{_SETTING}( {_SETTING})*", 'a base of vsensed, such as "argos:/dev/ttyS0"'),
     "run_host": _address,
     "port": integer(1, 65535),
     "battery_stop_mv": integer(0, 5000),

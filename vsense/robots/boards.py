@@ -28,8 +28,8 @@ from pathlib import Path
 from vsense.base.errors import UsageError, pip_line
 from vsense.base.processes import python_module
 from vsense.robots._cache import with_parts
-from vsense.robots.build import cache_directory, on_robots, source_tree
-from vsense.robots.compiling import BuildError, Toolchain, native
+from vsense.robots.build import DRIVER_PARTS, cache_directory, on_robots, source_tree
+from vsense.robots.compiling import DRIVERS, BuildError, Toolchain, native
 from vsense.robots.sources import ProgramSources
 
 SMALL = ("-Os", "-static", "-fno-unwind-tables", "-fno-asynchronous-unwind-tables")
@@ -49,6 +49,8 @@ class Target:
             nothing makes any.
         debian: Debian's compiler and what it is told; empty: there is none.
         package: Debian's package of that compiler.
+        drivers: its daemons can have a driver as their base. Those for the oldest boards have no
+            room for it, which 100,000 bytes are.
     """
 
     name: str
@@ -57,6 +59,12 @@ class Target:
     small: tuple[str, ...]
     debian: tuple[str, ...]
     package: str
+    drivers: bool = True
+
+    @property
+    def flags(self) -> tuple[str, ...]:
+        """What of our own its daemons have."""
+        return (DRIVERS,) if self.drivers else ()
 
 
 TARGETS = {
@@ -69,6 +77,7 @@ TARGETS = {
             ("-target", "thumb-linux-musleabi", "-mcpu=arm926ej_s"),
             ("arm-linux-gnueabi-gcc", "-march=armv5te", "-mtune=arm926ej-s", "-marm"),
             "gcc-arm-linux-gnueabi",
+            drivers=False,
         ),
         Target(
             "pi-puck",
@@ -106,7 +115,7 @@ def toolchain(target: Target, cache: Path) -> Toolchain:
         return zig
     if target.name == "host":
         toolchain = native()
-        return replace(toolchain, flags=SMALL, debug=())
+        return replace(toolchain, flags=(*SMALL, *target.flags), debug=())
     command, *flags = target.debian
     if shutil.which(command) is None:
         raise UsageError(
@@ -115,7 +124,7 @@ def toolchain(target: Target, cache: Path) -> Toolchain:
         )
     return Toolchain(
         (command,),
-        (*SMALL, *flags),
+        (*SMALL, *target.flags, *flags),
         cxx=(f"{command.removesuffix('gcc')}g++",),
         cxx_line=f"sudo apt install {target.package.replace('gcc-', 'g++-')}",
     )
@@ -132,8 +141,9 @@ def _zig(target: Target, cache: Path) -> Toolchain | None:
         "ZIG_LOCAL_CACHE_DIR": str(cache / "zig"),
     }
     zig = python_module("ziglang")
-    small = (*SMALL, *target.small) if target.small else ()
-    return Toolchain((*zig, "cc"), (*SMALL, *flags), folders, small, cxx=(*zig, "c++"))
+    small = (*SMALL, *target.flags, *target.small) if target.small else ()
+    flags = (*SMALL, *target.flags, *flags)
+    return Toolchain((*zig, "cc"), flags, folders, small, cxx=(*zig, "c++"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,6 +185,9 @@ def build(controller: str | ProgramSources, target: str, output: Path) -> Built:
     board = TARGETS[target]
     compiler = toolchain(board, cache_directory())
     sources = tree.daemon(program, plain=True)
+    if not board.drivers:
+        own = [path for path in sources.own if path.stem not in (*DRIVER_PARTS, "epuck_wifi")]
+        sources = replace(sources, own=own)
     try:
         if "ziglang" not in compiler.command:  # which keeps by itself what it has compiled
             sources = with_parts(sources, compiler)

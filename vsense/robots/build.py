@@ -60,11 +60,15 @@ RUNTIME_PARTS = (
 )
 """What of `c_src/` a robot's controller runtime needs beside `robot/`: the protocol's own files."""
 
+DRIVER_PARTS = ("driver", "driver_process", "driver_record", "base_wifi", "wifi_line")
+"""What of `robot/` only a daemon needs whose base can be a driver, or a robot on Wi-Fi."""
+
 SYSTEM_PARTS = (
     "atomics",
     *("base", "base_argos", "base_asercom", "base_boards", "base_config", "base_gctronic"),
     *("base_reset", "base_serial", "base_york", "board_link", "board_process", "calls", "check"),
     "controller_hash",
+    *DRIVER_PARTS,
     *("guard", "guard_link", "guard_process", "guard_rights", "key", "main", "memory", "net"),
     *(
         "networks",
@@ -111,6 +115,11 @@ class SourceTree:
     def prebuilt(self) -> Path:
         """Where an installed package carries its ready-made daemon."""
         return self.root / "bin" / "vsensed"
+
+    @property
+    def drivers(self) -> Path:
+        """The folder of the shipped drivers, and of the file that one in Python needs."""
+        return self.root / "robot" / "drivers"
 
     def daemon_sources(self) -> list[Path]:
         """All C files of the daemon but its controller, in a fixed order."""

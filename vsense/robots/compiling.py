@@ -21,7 +21,10 @@ from vsense.robots.sources import HASH_DIGITS, ProgramSources, content, folders_
 
 SECTIONS = ("-O2", "-ffunction-sections", "-fdata-sections")
 
-HOST_FLAGS = ("-DVSENSED_SLOW_CLOCK",)
+DRIVERS = "-DVSENSED_DRIVERS"
+"""Daemons with it can have a driver as their base (`robot/driver.c`)."""
+
+HOST_FLAGS = ("-DVSENSED_SLOW_CLOCK", DRIVERS)
 """Of daemons for this machine, whose clock can be slow for a lab; a robot's cannot."""
 
 CFLAGS = ("-std=c99", "-D_POSIX_C_SOURCE=200809L", *SECTIONS, "-ffp-contract=off")

@@ -30,6 +30,7 @@ from vsense.base.errors import ConfigError, VsenseError
 from vsense.base.terminal import printable
 from vsense.robots import boards
 from vsense.robots.boards import SSH
+from vsense.robots.drivers import Driver, check_daemon
 from vsense.robots.link.keys import KeySource, robot_file
 
 _BOARD = Path(__file__).parent / "board"
@@ -77,11 +78,13 @@ class RobotHost:
         destination: what `ssh` is told.
         settings: those of its vsensed by their names; "tag" is one of them.
         line: where it stands in the roster.
+        files: of its driver, by their names.
     """
 
     destination: str
     settings: Mapping[str, str]
     line: int
+    files: Mapping[str, bytes] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,6 +173,7 @@ class Plan:
             files["vsensed"] = self.binaries[robot.destination]
         if self.part in (Part.ALL, Part.SETTINGS):
             files["vsensed.conf"] = settings_text(self.settings_of(robot)).encode()
+            files |= {f"drivers/{name}": content for name, content in robot.files.items()}
         if self.brings_key(robot):
             files[KEY_FILE] = self._key_file(robot)
         packed = io.BytesIO()
@@ -185,6 +189,24 @@ class Plan:
         install = f'{"sudo -n " if self.sudo else ""}sh "$d/install.sh" "$d"'
         words = [self.kind, self.part.value, "check" * self.check, "force" * self.force]
         return f"{_RECEIVE} && {install} {' '.join(filter(None, words))}"
+
+
+def with_drivers(plan: Plan, robots: Iterable[RobotHost], beside: Path) -> list[RobotHost]:
+    """The robots with the files of their drivers, which lie in the folder `beside`, or are shipped.
+
+    Raises:
+        UsageError: a daemon that is brought can have none, or a file cannot be read.
+    """
+    done = []
+    for robot in robots:
+        driver = Driver.of(plan.settings_of(robot).get("base", ""), beside)
+        if driver is not None and plan.binaries:
+            check_daemon(plan.binaries[robot.destination], robot.destination)
+        if driver is not None and plan.part is Part.ALL:
+            base, files = driver.on_board()
+            robot = replace(robot, settings={**robot.settings, "base": base}, files=files)
+        done.append(robot)
+    return done
 
 
 _ADD = {"host": 'add run_host = "..."', "base": 'add base = "..."'}

@@ -102,17 +102,19 @@ def test_every_kind_is_emulated_and_mixed_is_all_of_them() -> None:
     assert tuple(PROGRAMS) == BASE_KINDS
     assert (*BASE_KINDS, MIXED) == BASES
     assert bases_of("york", 2) == ["york", "york"]
-    assert bases_of(MIXED, 6) == [*BASE_KINDS, *BASE_KINDS[:2]]
+    assert bases_of(MIXED, 8) == [*BASE_KINDS, *BASE_KINDS[:2]]
     with pytest.raises(UsageError, match="no base 'lego' in the lab: expected one of argos,"):
         bases_of("lego", 1)
 
 
 def test_bases_are_what_the_daemons_are_told() -> None:
     chips = Microcontrollers(BASE_KINDS)
-    serial, wires = chips.bases[:2], chips.bases[2:]
+    serial, wires, (driver, air) = chips.bases[:2], chips.bases[2:4], chips.bases[4:]
     assert [base.partition(":/dev/pts/")[0] for base in serial] == ["argos", "asercom"]
     assert [base.partition(":unix:/")[0] for base in wires] == ["gctronic", "york"]
-    paths = [device.removeprefix("unix:") for device in chips.devices]
+    assert driver.startswith("exec:") and "/epuck.py /dev/pts/" in driver
+    assert air.startswith("wifi:127.0.0.1:")
+    paths = [device.removeprefix("unix:") for device in chips.devices[:-1]]
     assert all(os.path.exists(path) for path in paths)
     chips.close()
     assert not any(os.path.exists(path) for path in paths)
@@ -122,7 +124,7 @@ def test_bases_are_what_the_daemons_are_told() -> None:
 
 def test_all_kinds_measure_what_the_lab_says() -> None:
     chips = Microcontrollers(BASE_KINDS)
-    prox = np.arange(32, dtype=np.int16).reshape(4, 8)
+    prox = np.arange(48, dtype=np.int16).reshape(6, 8)
     chips.sense(prox)
     for link, row in zip(chips.links, prox.tolist()):
         inputs = link.program.state.body.inputs

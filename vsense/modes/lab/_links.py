@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import os
 import select
+import shlex
 import socket
 import struct
 import tty
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -20,7 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.native import ffi, lib
+from vsense.base.processes import python_file
 from vsense.base.shared import LabError
+from vsense.robots.build import source_tree
 from vsense.robots.inprocess import AMBIENT_RAW
 
 GROUND_RAW = 800
@@ -43,19 +46,30 @@ class FirmwareKind:
         arguments: for its init, after the struct.
         byte_ns: duration of one byte on its serial line; 0 if it is on a bus.
         count: the field that counts the commands that reached it.
+        driver: file of the shipped driver that its daemon starts; empty: it opens the line itself.
     """
 
     prefix: str
     arguments: tuple[int, ...] = ()
     byte_ns: int = 0
     count: str = "packets"
+    driver: str = ""
 
+    def base(self, name: str, device: str) -> str:
+        """A daemon's `--base` for that device, of a kind of that name."""
+        words = python_file(source_tree().drivers / self.driver) if self.driver else ()
+        return f"{name}:{shlex.join([*words, device])}"
+
+
+_ASERCOM = FirmwareKind("fw_asercom", (lib.EPUCK_ASERCOM_EXTENSION,), 43403)
 
 PROGRAMS: dict[str, FirmwareKind] = {
     "argos": FirmwareKind("fw_argos", (), lib.EPUCK_ARGOS_BYTE_NS, "frames"),
-    "asercom": FirmwareKind("fw_asercom", (lib.EPUCK_ASERCOM_EXTENSION,), 43403),
+    "asercom": _ASERCOM,
     "gctronic": FirmwareKind("fw_gctronic"),
     "york": FirmwareKind("fw_york", count="writes"),
+    "exec": replace(_ASERCOM, driver="epuck.py"),
+    "wifi": FirmwareKind("fw_wifi"),
 }
 
 

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from vsense.base.native import lib
 from vsense.base.shared import LabError, LogFile, file_errors
-from vsense.modes.lab._links import Bus, Link, make_link
+from vsense.modes.lab._air import Air
+from vsense.modes.lab._links import PROGRAMS, Bus, Link, make_link
 
 ACTUATION = np.dtype(
     [
@@ -76,7 +77,9 @@ class Microcontrollers:
         self._busy: set[int] = set()
         try:
             for robot, kind in enumerate(kinds):
-                self.links.append(make_link(kind, Path(self._folder.name) / f"{robot}.i2c"))
+                path = Path(self._folder.name) / f"{robot}.i2c"
+                wireless = kind == "wifi"
+                self.links.append(Air(PROGRAMS[kind], robot) if wireless else make_link(kind, path))
         except OSError as error:
             count = len(self.links)
             self.close()
@@ -89,7 +92,8 @@ class Microcontrollers:
         for link in self.links:
             link.program.state.body.watchdog_us = WATCHDOG_US if watchdog else 0
         self.bases = [
-            f"{kind}:{link.device}{',ground' if grounded and isinstance(link, Bus) else ''}"
+            link.program.kind.base(kind, link.device)
+            + (",ground" if grounded and isinstance(link, Bus) else "")
             for kind, link in zip(kinds, self.links)
         ]
 

@@ -28,7 +28,7 @@ from vsense.world.physics.motion import AXLE_M, WHEEL_DIAMETER_MM
 
 Floats = NDArray[np.float64]
 
-BASE_KINDS = ("argos", "asercom", "gctronic", "york")
+BASE_KINDS = ("argos", "asercom", "gctronic", "york", "exec", "wifi")
 """The names of `vsensed --base`."""
 
 MIXED = "mixed"

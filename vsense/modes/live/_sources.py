@@ -15,13 +15,15 @@ from vsense.config import tracking_session
 from vsense.config.specs import Experiment, JsonLinesTracker, TrackerAddress
 from vsense.modes.live.opening import require_source
 from vsense.monitor.ui.access import is_loopback
+from vsense.monitor.ui.messages import ExperimentFacts
 from vsense.robots.link.status import LinkError
 from vsense.robots.link.trackers.client import ArenaClient, TrackerEnded
 from vsense.robots.link.trackers.lines import ArenaListener
 from vsense.run.runtime import Pace
 from vsense.run.watch import ArenaSource
+from vsense.vision.calibration.checked import of_tracking
 from vsense.vision.tracking.camera_tracking import CameraTracking
-from vsense.vision.tracking.opening import open_tracking
+from vsense.vision.tracking.opening import masks_px, open_tracking
 from vsense.vision.tracking.specs import TrackingSession
 
 Expect = Callable[[Experiment], None]
@@ -43,6 +45,20 @@ class OwnCameras(NamedTuple):
 
     session: TrackingSession
     tracking: CameraTracking
+
+
+def seen_by(own: OwnCameras, scene: ExperimentFacts) -> ExperimentFacts:
+    """What the page is told, with the cameras that see the robots."""
+    session = own.session
+    return replace(
+        scene,
+        cameras=[view.camera for view in session.views],
+        trackers={view.camera.id: view.tracker.id for view in session.views},
+        troubles=own.tracking.troubles,
+        recorded=not session.is_live,
+        masks=masks_px(session),
+        calibration=of_tracking(session),
+    )
 
 
 class SteadySource:

@@ -14,7 +14,8 @@ from vsense.base.sharing import user_name
 from vsense.base.terminal import Console, Interruption, Level
 from vsense.config.casting import Pair
 from vsense.config.specs import Experiment
-from vsense.modes.live._sources import SteadySource, open_source
+from vsense.modes.live._own_daemons import OwnDaemons
+from vsense.modes.live._sources import SteadySource, open_source, seen_by
 from vsense.modes.live._steering import RunSteering, SessionCallbacks
 from vsense.monitor.ui.access import is_loopback
 from vsense.monitor.ui.messages import ExperimentFacts
@@ -43,10 +44,8 @@ from vsense.run.runner import Runner
 from vsense.run.runtime import Runtime, Step
 from vsense.run.verdict import RunRecord, VoidCriteria, judge
 from vsense.run.watch import ArenaSource
-from vsense.vision.calibration.checked import of_tracking
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.cameras.grabber import Troubles
-from vsense.vision.tracking.opening import masks_px
 
 TROUBLES = frozenset({"doubt", "defect"})
 """Kinds of link events that somebody has to look after."""
@@ -368,23 +367,18 @@ class RunSession(ExperimentSession):
         self.source: SteadySource = open_source(self.experiment, self._tracking, self._say)
         self._stack.callback(self.source.close)
         self.port = self._start_server()
+        keys, address = self.setup.trust.keys, (self.setup.address[0], self.port)
+        self._daemons = OwnDaemons(address, keys, self._say)
+        self._stack.callback(self._daemons.close)
+        self._daemons.serve(self.experiment)
         own, suspends = self.source.own, False
         scene = self._scene("run", (), {}, Troubles())
         if own is not None:
-            session = own.session
             recorders, timestep_s = self.setup.room.recorders, self.experiment.timestep_s
-            recorders.watch_session(session, own.tracking, timestep_s=timestep_s)
-            scene = replace(
-                scene,
-                cameras=[view.camera for view in session.views],
-                trackers={view.camera.id: view.tracker.id for view in session.views},
-                troubles=own.tracking.troubles,
-                recorded=not session.is_live,
-                masks=masks_px(session),
-                calibration=of_tracking(session),
-            )
+            recorders.watch_session(own.session, own.tracking, timestep_s=timestep_s)
+            scene = seen_by(own, scene)
             # STOP may only suspend a run (thesis, 2.3.1).
-            suspends = not session.record.change_root_directory_on_start
+            suspends = not own.session.record.change_root_directory_on_start
         runtime = self._open_room(self.source, scene, suspends)
         runtime.open()
         self._stack.callback(runtime.close)
@@ -394,6 +388,12 @@ class RunSession(ExperimentSession):
     def _make_room(self, pair: Pair, experiment: Experiment) -> None:
         """See `ExperimentSession`."""
         self.source.expect(experiment)
+        self._daemons.serve(experiment)
+
+    def _observe(self, step: Step | None, robots: Mapping[int, RobotStatus]) -> None:
+        """See `ExperimentSession`."""
+        self._daemons.look()
+        super()._observe(step, robots)
 
     def doubts(self) -> list[str]:
         """See `ExperimentSession.doubts`."""

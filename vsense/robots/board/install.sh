@@ -94,6 +94,13 @@ put_radio() {
     fi
 }
 
+# A driver's files lie beside each other; a driver in Python imports what lies beside it.
+put_drivers() {
+    for file in "$from"/drivers/*; do
+        [ ! -f "$file" ] || put "drivers/${file##*/}" "/usr/local/lib/vsense/${file##*/}" 755
+    done
+}
+
 # With a key comes who the robot is.
 put_key() {
     [ ! -f "$from/vsensed.key" ] || put vsensed.key $key 600
@@ -130,6 +137,7 @@ elif told settings; then
     put_key
     keep_uid
     try "$root$binary" "$from/vsensed.conf"
+    put_drivers
     put vsensed.conf $conf 644
 else
     chmod 755 "$from/vsensed"
@@ -144,6 +152,7 @@ else
         keep_uid
         try "$from/vsensed" "$from/vsensed.conf"
         put_daemon
+        put_drivers
         put vsensed.conf $conf 644
         put_radio
         install_service
