@@ -19,7 +19,6 @@ from typing import Any
 import pytest
 
 from tests.rigs import compiling
-from tests.rigs.places import ROOT
 from tests.rigs.processes import children, is_alive
 from tests.robots.conftest import QUICKLY, ROOT, Builder
 from tests.robots.rig import MS, TAG, BareRobot, Daemon, Host, Rig, S, live_until
@@ -510,8 +509,8 @@ def test_an_epucks_driver_whose_line_is_gone_ends() -> None:
     driver = ROOT / "robot" / "drivers" / "epuck.py"
     command = [sys.executable, str(driver), os.ttyname(device)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-        os.close(device)
         assert select.select([master], [], [], 20)[0], "it asks for the version"
         os.read(master, 100)
+        os.close(device)
         os.close(master)
         assert process.wait(20) != 0
