@@ -41,7 +41,11 @@ class EPuck:
         """From whatever its firmware waits for back to idle."""
         os.write(self.line, RESYNC)
         while select.select([self.line], [], [], QUIET_S)[0]:
-            os.read(self.line, 4096)
+            self.read()
+
+    def read(self):
+        """What has come; of a line that was unplugged there is nothing, for ever."""
+        return os.read(self.line, 4096) or sys.exit("epuck.py: the serial line is gone")
 
     def ask(self, packet):
         """Its answer, which has to end with the speeds that it was told."""
@@ -50,7 +54,7 @@ class EPuck:
         while len(got) < ANSWER.size:
             if not select.select([self.line], [], [], max(end_s - time.monotonic(), 0))[0]:
                 break
-            got += os.read(self.line, 4096)
+            got += self.read()
         if len(got) != ANSWER.size or got[-4:] != packet[1:5]:
             self.resync()
             raise TimeoutError

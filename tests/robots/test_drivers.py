@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pty
 import re
 import select
 import signal
@@ -501,3 +502,16 @@ def test_a_driver_in_c_is_one_short_file(tmp_path: Path, steady: Path) -> None:
         daemon.wait()
         robot.close()
         host.close()
+
+
+def test_an_epucks_driver_whose_line_is_gone_ends() -> None:
+    """A terminal that was hung up is readable for ever, and has nothing."""
+    master, device = pty.openpty()
+    driver = ROOT / "robot" / "drivers" / "epuck.py"
+    command = [sys.executable, str(driver), os.ttyname(device)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert select.select([master], [], [], 20)[0], "it asks for the version"
+        os.read(master, 100)
+        os.close(device)
+        os.close(master)
+        assert process.wait(20) != 0

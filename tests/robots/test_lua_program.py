@@ -135,6 +135,10 @@ FAILURES = [
     ("nothing.value = 1", "mine.lua:5: attempt to index a nil value (global 'nothing')"),
     ("pcall(function() while true do end end)", "mine.lua:5: did not return within 3 s"),
     ("robot.wheels.set_velocity(1)", "mine.lua:5: robot.wheels.set_velocity() expects 2 arguments"),
+    (
+        "robot.wheels.set_velocity(0 / 0, 1)",
+        "mine.lua:5: robot.wheels.set_velocity(): a speed is no number (nan)",
+    ),
     ("os.exit()", "mine.lua:5: os.exit() would end the program that runs all robots"),
     ("error({})", "(error object is a table value)"),
 ]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import pickle
+import subprocess
+import sys
 import threading
 from pathlib import Path
 from typing import Any
@@ -62,7 +65,7 @@ def test_a_run_that_is_left_ends_and_one_that_fails_says_why() -> None:
 CIRCLES = """
 class SwarmController:
     def __init__(self, swarm):
-        self.prey = swarm.sensor("led")
+        self.prey = swarm.sensor("leds")
 
     def step(self, swarm):
         swarm.set_wheels(300, 200 + self.prey.values.any(axis=1))
@@ -148,6 +151,118 @@ def test_rewards_are_a_measures_increase_or_a_function() -> None:
     assert set(truncations.values()) == {True} and set(terminations.values()) == {False}
     with pytest.raises(UsageError, match="reset"):
         env.step(still)
+
+
+def test_what_is_no_action_or_reward_is_named_by_its_agent() -> None:
+    env = make(reward=lambda sim: [1.0, np.nan, 0.0, 0.0])
+    with pytest.raises(UsageError, match="there is no run"):
+        env.state()
+    env.reset(seed=1)
+    still = dict.fromkeys(env.agents, np.zeros(2, np.float32))
+    for wrong in (np.zeros(7), np.zeros(1), 0.5, np.array([0.0, np.nan])):
+        with pytest.raises(UsageError, match=r"robot_1843 has .*; expected 2 finite numbers"):
+            env.step({**still, "robot_1843": wrong})
+    with pytest.raises(UsageError, match="robot_31 has none"):
+        env.step({agent: still[agent] for agent in env.agents[1:]})
+    assert env.simulation.timestep == 0
+    with pytest.raises(UsageError, match="reward: robot_1843 has nan"):
+        env.step(still)
+
+
+def test_less_of_a_measure_can_be_what_is_wanted() -> None:
+    environments = [
+        parallel_env("phototaxis", robots=2, duration_s=2, reward=f"{sign}light_distance_m")
+        for sign in ("", "-")
+    ]
+    totals = []
+    for env in environments:
+        env.reset(seed=1)
+        ahead, total = dict.fromkeys(env.agents, np.ones(2, np.float32)), 0.0
+        while env.agents:
+            total += env.step(ahead)[1]["robot_31"]
+        totals.append(total)
+    assert totals[0] == -totals[1] != 0.0
+
+
+def test_copies_without_a_seed_are_not_the_same() -> None:
+    """As a vectorised environment makes them."""
+    first, second = (pickle.loads(pickle.dumps(make())) for _ in range(2))
+    first.reset()
+    second.reset()
+    assert first.seed != second.seed and not np.array_equal(first.state(), second.state())
+    before = first.seed
+    first.reset()
+    assert first.seed == before % (2**32 - 1) + 1
+    again = make()
+    again.reset(seed=np.int64(first.seed))
+    assert np.array_equal(again.state(), first.state())
+
+
+INTERRUPTED = """
+import random, signal
+import numpy as np
+import vsense
+
+def interrupt(number, frame):
+    while frame is not None and frame.f_code.co_name != "step":
+        frame = frame.f_back
+    if frame is not None:
+        raise KeyboardInterrupt
+
+signal.signal(signal.SIGALRM, interrupt)
+interruptions, leaps = 0, set()
+loaded = vsense.load("foraging", robots=15, duration_s=60)
+with vsense.SteppedSimulation(loaded, np.int64(2)) as sim:
+    while not sim.done:
+        before = sim.timestep
+        signal.setitimer(signal.ITIMER_REAL, random.uniform(1e-6, 2e-4))
+        try:
+            sim.step()
+        except KeyboardInterrupt:
+            interruptions += 1
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        leaps.add(sim.timestep - before)
+    print(interruptions, sim.timestep, sorted(leaps))
+"""
+
+
+def test_an_interrupted_step_is_made_whole() -> None:
+    """Ctrl-C in a notebook, again and again: every step is one timestep, or none."""
+    done = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    interruptions, timestep, leaps = done.stdout.split(maxsplit=2)
+    assert int(interruptions) > 5 and int(timestep) == 599
+    assert leaps.strip() in ("[1]", "[0, 1]")
+
+
+@pytest.mark.parametrize(
+    ("experiment", "seed", "words"),
+    [
+        ("foraging", 1, "expected what vsense.load gives, not 'foraging'"),
+        (vsense.load("foraging"), -1, "seed -1: expected a whole number"),
+        (vsense.load("foraging").experiment, 1.5, "seed 1.5: expected a whole number"),
+    ],
+)
+def test_what_cannot_be_stepped_is_one_sentence(experiment: Any, seed: Any, words: str) -> None:
+    with pytest.raises(UsageError, match=words):
+        SteppedSimulation(experiment, seed)
+
+
+def test_names_and_rows_that_are_not_there_are_refused() -> None:
+    with SteppedSimulation(vsense.load("foraging", robots=3, duration_s=2), 1) as sim:
+        assert sim.swarm.sensor("pheromone").values.shape == (3, 3)
+        assert sim.swarm.sensor("proximity").values.shape == (3, 8)
+        with pytest.raises(UsageError, match="no sensor 'pheromon'; is 'pheromone' meant"):
+            sim.swarm.sensor("pheromon")
+        with pytest.raises(UsageError, match="no virtual actuator 'nope'"):
+            sim.swarm.actuator("nope")
+        for where in ([0, 2], np.array([0, 1, 2]), [0.1, 0.5, 0.9], [True, False]):
+            with pytest.raises(ValueError, match=r"where: .* expected one truth value, or 3"):
+                sim.swarm.set_wheels(1, 1, where=where)
+        sim.swarm.set_wheels(1, 1, where=[True, False, True])
+        assert sim.swarm.wheels_set.tolist() == [True, False, True]
 
 
 def test_pettingzoo_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

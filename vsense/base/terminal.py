@@ -234,6 +234,9 @@ class Interruption(threading.Event):
     def in_time(self) -> Iterator[None]:
         """What is worth some seconds after Ctrl-C: CutShort where it is not over `LAST_S` after a
         SIGTERM, or at the next signal."""
+        if threading.current_thread() is not threading.main_thread():
+            yield  # signals are the main thread's
+            return
         before = signal.signal(signal.SIGALRM, self._ring)
         self._leaves_time = True
         try:

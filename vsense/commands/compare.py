@@ -19,7 +19,8 @@ DESCRIPTION = (
     " the same seeds, pair after pair, until the difference of a measure is clear, and ends with 0"
     " where the new one is better or not worse by more than a margin, 1 where it is worse, 3 where"
     " that is not clear after all pairs. OLD may be a revision of Git: main: is NEW as main has it."
-    " Each verdict that is wrong comes up in 2.5 % of comparisons at most."
+    " A wrong verdict comes up in some 2.5 % of comparisons. Nothing passes before 48 pairs, or as"
+    " many as it takes to see a failure that is as seldom as the margin accepts."
 )
 
 

@@ -400,6 +400,9 @@ function does.wheels(name, at)
       local left, right = ...
       check(left, 1, "set_velocity", "number")
       check(right, 2, "set_velocity", "number")
+      if left ~= left or right ~= right then
+         error("robot.wheels.set_velocity(): a speed is no number (nan)", 2)
+      end
       out[at + 1], out[at + 2] = left, right
    end
    return 2

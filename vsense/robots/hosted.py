@@ -11,6 +11,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from vsense.base.native import ffi, lib
 from vsense.robots import build
 from vsense.robots.inprocess import (
@@ -23,7 +25,7 @@ from vsense.robots.inprocess import (
 )
 from vsense.robots.link.table import Direction, Table
 from vsense.robots.link.wire import Wanted
-from vsense.robots.python_swarm import HostedRobots, Swarm
+from vsense.robots.python_swarm import Swarm
 
 _HOST = "stand_still"
 """The controller in C that leaves alone what its host sets."""
@@ -35,6 +37,48 @@ MESSAGE = "message"
 
 STEP_MAX_S = 3.0
 """What controllers may take for a control step; real robots stand meanwhile, without commands."""
+
+
+MAX_TEXT_BYTES = 4096
+"""Of all parameters together. Source: robot/controller.h."""
+
+
+class HostedRobots:
+    """The robots of a controller as C has them (`robot/hosted.h`)."""
+
+    def __init__(self, lib: Any, robots: Any, count: int, memory: Any) -> None:
+        """`memory` is what `robots` points into: it stays as long as this does."""
+        self._lib, self._robots, self._memory = lib, robots, memory
+        self.count = count
+
+    def call(self, function: str, *arguments: Any) -> Any:
+        """Calls `vs_hosted_FUNCTION`; arrays are given as they lie in memory, texts as UTF-8."""
+        given = map(self._given, arguments)
+        return getattr(self._lib, f"vs_hosted_{function}")(self._robots, *given)
+
+    def walks(self) -> Any:
+        """Memory for the walks of all robots."""
+        return ffi.new("double[]", -(-self.call("walk_bytes") // 8))
+
+    def text(self, robot: int, name: str) -> str | None:
+        """A parameter; None: the experiment does not have it."""
+        room = ffi.new("char[]", MAX_TEXT_BYTES + 1)
+        size = len(room)
+        if self.call("param_text", robot, name, room, size) < 0:
+            return None
+        text: bytes = ffi.string(room)
+        return text.decode(errors="replace")
+
+    def _given(self, value: Any) -> Any:
+        if isinstance(value, np.ndarray):
+            return ffi.from_buffer(f"{_C_TYPES[value.dtype.char]} *", value)
+        if isinstance(value, str):
+            return value.encode()
+        return value
+
+
+_C_TYPES = {"d": "double", "B": "uint8_t", "?": "uint8_t", "i": "int32_t", "I": "uint32_t"}
+_C_TYPES |= {np.dtype(np.uint64).char: "uint64_t"}
 
 
 def build_host() -> Path:

@@ -25,14 +25,14 @@ Nothing here blocks.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from enum import IntFlag
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vsense.base.native import ffi
+from vsense.base.errors import UsageError, instead
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.bool_]
@@ -46,9 +46,6 @@ class Leds(IntFlag):
     FRONT = 0x200
 
 
-MAX_TEXT_BYTES = 4096
-"""Of all parameters together. Source: robot/controller.h."""
-
 OWN_COUNTS = {
     "proximity": 8, "light": 8, "battery_low": 1, "ground": 3, "wheels": 2, "range_and_bearing": 31,
     "accelerometer": 3, "microphones": 4, "battery": 1, "gyroscope": 3, "distance": 1,
@@ -58,44 +55,6 @@ OWN_COUNTS = {
 RGB = "+rgb"  # the actuator of robots that are driven from here: three levels for each of four LEDs
 _NEVER_NS = 2**64 - 1
 _MOST_STEPS_S = 32767.0
-
-
-class HostedRobots:
-    """The robots of a controller as C has them (`robot/hosted.h`)."""
-
-    def __init__(self, lib: Any, robots: Any, count: int, memory: Any) -> None:
-        """`memory` is what `robots` points into: it stays as long as this does."""
-        self._lib, self._robots, self._memory = lib, robots, memory
-        self.count = count
-
-    def call(self, function: str, *arguments: Any) -> Any:
-        """Calls `vs_hosted_FUNCTION`; arrays are given as they lie in memory, texts as UTF-8."""
-        given = map(self._given, arguments)
-        return getattr(self._lib, f"vs_hosted_{function}")(self._robots, *given)
-
-    def walks(self) -> Any:
-        """Memory for the walks of all robots."""
-        return ffi.new("double[]", -(-self.call("walk_bytes") // 8))
-
-    def text(self, robot: int, name: str) -> str | None:
-        """A parameter; None: the experiment does not have it."""
-        room = ffi.new("char[]", MAX_TEXT_BYTES + 1)
-        size = len(room)
-        if self.call("param_text", robot, name, room, size) < 0:
-            return None
-        text: bytes = ffi.string(room)
-        return text.decode(errors="replace")
-
-    def _given(self, value: Any) -> Any:
-        if isinstance(value, np.ndarray):
-            return ffi.from_buffer(f"{_C_TYPES[value.dtype.char]} *", value)
-        if isinstance(value, str):
-            return value.encode()
-        return value
-
-
-_C_TYPES = {"d": "double", "B": "uint8_t", "?": "uint8_t", "i": "int32_t", "I": "uint32_t"}
-_C_TYPES |= {np.dtype(np.uint64).char: "uint64_t"}
 
 
 class SwarmReading:
@@ -244,15 +203,17 @@ class Swarm:
         offered, actuates: how many numbers the virtual sensors and actuators have, by name.
     """
 
+    _strict = False
+
     def __init__(
         self,
-        runtime: HostedRobots,
+        runtime: Any,
         tags: Sequence[int],
         timestep_s: float,
         counts: Mapping[str, int],
         actuator_counts: Mapping[str, int],
     ) -> None:
-        """See the attributes; a fused sensor has its "+"."""
+        """See the attributes; a fused sensor has its "+". `runtime`: `hosted.HostedRobots`."""
         self.tags, self.timestep_s, self.steps = np.array(tags), timestep_s, 0
         self.runtime, self.offered, self.actuates = runtime, counts, actuator_counts
         self._readings = dict[str, SwarmReading]()
@@ -263,11 +224,13 @@ class Swarm:
         self._leds, self._leds_set = np.zeros(count, np.uint32), np.zeros(count, np.bool_)
 
     def __len__(self) -> int:
-        return self.runtime.count
+        return len(self.tags)
 
     def sensor(self, name: str) -> SwarmReading:
         """Binds a sensor by name; of one that nobody offers the reading is not known."""
         if name not in self._readings:
+            offered = [offer.removeprefix("+") for offer in self.offered]
+            self._check(name, "sensor", [*offered, *OWN_COUNTS])
             count = self.offered.get(name, self.offered.get(f"+{name}", OWN_COUNTS.get(name, 1)))
             self._readings[name] = SwarmReading(self, name, count)
         return self._readings[name]
@@ -275,8 +238,17 @@ class Swarm:
     def actuator(self, name: str) -> SwarmActuator:
         """Binds a virtual actuator by name."""
         if name not in self._actuators:
+            self._check(name, "virtual actuator", self.actuates)
             self._actuators[name] = SwarmActuator(self, name, self.actuates.get(name, 1))
         return self._actuators[name]
+
+    def refuse_unknown(self) -> None:
+        """From now on a name that the experiment does not have is an error."""
+        self._strict = True
+
+    def _check(self, name: str, kind: str, known: Iterable[str]) -> None:
+        if self._strict and name not in known:
+            raise UsageError(f"there is no {kind} {name!r}; {instead(name, list(known))}")
 
     def walk(self) -> SwarmWalk:
         """Begins walking by `robot/walk.h`, which reads speed_cm_s, walk_s and near_raw."""
@@ -365,8 +337,15 @@ class Swarm:
         self.runtime.call("log", robot, line)
 
     def rows(self, where: ArrayLike) -> Rows:
-        """(n,) the robots that `where` means: one truth value, or one for each."""
-        return np.array(np.broadcast_to(np.asarray(where, np.bool_), len(self)))
+        """(n,) the robots that `where` means: one truth value, or one for each.
+
+        ValueError: it is something else, such as places.
+        """
+        rows = np.asarray(where)
+        if rows.dtype != np.bool_ or rows.shape not in ((), (len(self),)):
+            expected = f"expected one truth value, or {len(self)}: one for each robot"
+            raise ValueError(f"where: an array of {rows.dtype}, shape {rows.shape}; {expected}")
+        return np.array(np.broadcast_to(rows, len(self)))
 
     def column(self, values: ArrayLike) -> Floats:
         """(n,) one number, or one for each robot; ValueError: they are not, or not finite."""

@@ -6,6 +6,9 @@ step. The environment is the simulation of `vsense sim`, without the experiment'
 
 from __future__ import annotations
 
+import math
+import operator
+import secrets
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -34,6 +37,7 @@ class SwarmEnvironment(ParallelEnv[str, NDArray[np.float32], NDArray[np.float32]
 
     Attributes:
         simulation: the present run; None before the first `reset`.
+        seed: of the present run, or of the one before; 0: there was none.
     """
 
     simulation: SteppedSimulation | None
@@ -64,15 +68,15 @@ class SwarmEnvironment(ParallelEnv[str, NDArray[np.float32], NDArray[np.float32]
         self.agents: list[str] = []
         robots = [robot.tag for robot in experiment.robots if robot.controller == spec.id]
         self.possible_agents = [f"robot_{tag}" for tag in robots]
-        self._experiment, self._reward, self._seed = experiment, reward, 0
+        self._experiment, self._reward, self.seed = experiment, reward, 0
         self._actuators, self._leds, self._controller = actuators, leds, spec.id
         _check_actuators(actuators, spec)
         bounds = policies.observed(spec)
         self._names = [*bounds]
         low, high = (np.concatenate(edges) for edges in zip(*bounds.values()))
         low, high = np.minimum(low, 0.0), np.maximum(high, 0.0)
-        wide = 2 + len(actuators) + leds
-        actions = Box(-1.0, 1.0, (wide,), np.float32)
+        self._wide = 2 + len(actuators) + leds
+        actions = Box(-1.0, 1.0, (self._wide,), np.float32)
         observations = Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
         self.observation_spaces = dict.fromkeys(self.possible_agents, observations)
         self.action_spaces = dict.fromkeys(self.possible_agents, actions)
@@ -88,12 +92,19 @@ class SwarmEnvironment(ParallelEnv[str, NDArray[np.float32], NDArray[np.float32]
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observations, Infos]:
-        """Begins a run, whose seed is `seed`; None: one more than that of the run before."""
+        """Begins a run, whose seed is `seed`; None: one more than that of the run before.
+
+        The first one without a seed has any, so that environments beside each other, copies too,
+        do not see the same.
+        """
         self.close()
-        self._seed = self._seed % MOST_SEED + 1 if seed is None else seed or MOST_SEED
+        if seed is not None:
+            self.seed = operator.index(seed) or MOST_SEED
+        else:
+            self.seed = (self.seed or secrets.randbelow(MOST_SEED)) % MOST_SEED + 1
         draws = self.render_mode is not None
         sim = self.simulation = SteppedSimulation(
-            self._experiment, self._seed, draws=draws, controller=self._controller
+            self._experiment, self.seed, draws=draws, controller=self._controller
         )
         self._sensors: list[SwarmReading] = [sim.swarm.sensor(name) for name in self._names]
         self._given: list[SwarmActuator] = [sim.swarm.actuator(name) for name in self._actuators]
@@ -105,11 +116,16 @@ class SwarmEnvironment(ParallelEnv[str, NDArray[np.float32], NDArray[np.float32]
     def step(
         self, actions: Mapping[str, NDArray[np.float32]]
     ) -> tuple[Observations, dict[str, float], dict[str, bool], dict[str, bool], Infos]:
-        """One control step; UsageError: the run is over, `reset` begins the next one."""
+        """One control step.
+
+        Raises:
+            UsageError: the run is over, `reset` begins the next one; or an action or a reward is
+                none.
+        """
         sim = self.simulation
         if sim is None or not self.agents:
             raise UsageError("the run is over: reset() begins the next one")
-        self._act(sim, np.array([actions[agent] for agent in self.agents], np.float64))
+        self._act(sim, np.stack([self._action(actions, agent) for agent in self.agents]))
         sim.step()
         agents, over = self.agents, sim.done
         rewards = self._rewards(sim)
@@ -128,7 +144,8 @@ class SwarmEnvironment(ParallelEnv[str, NDArray[np.float32], NDArray[np.float32]
 
     def state(self) -> NDArray[np.float32]:
         """(3 n,) x, y [m] and yaw [rad] of every robot: what none of them knows."""
-        assert self.simulation is not None, "reset() begins a run"
+        if self.simulation is None:
+            raise UsageError("there is no run: reset() begins one")
         return self.simulation.poses.astype(np.float32).reshape(-1)
 
     def render(self) -> NDArray[np.uint8] | None:
@@ -157,6 +174,18 @@ class SwarmEnvironment(ParallelEnv[str, NDArray[np.float32], NDArray[np.float32]
             self.simulation = None
         self.agents = []
 
+    def _action(
+        self, actions: Mapping[str, NDArray[np.float32]], agent: str
+    ) -> NDArray[np.float64]:
+        """(k,) what an agent does; UsageError: nothing, or what is no action."""
+        if agent not in actions:
+            raise UsageError(f"actions: {agent} has none")
+        action = np.asarray(actions[agent], np.float64)
+        if action.shape != (self._wide,) or not np.isfinite(action).all():
+            expected = f"expected {self._wide} finite numbers"
+            raise UsageError(f"actions: {agent} has {actions[agent]!r}; {expected}")
+        return action
+
     def _act(self, sim: SteppedSimulation, actions: NDArray[np.float64]) -> None:
         actions = np.clip(actions, -1.0, 1.0)
         swarm = sim.swarm
@@ -179,14 +208,15 @@ class SwarmEnvironment(ParallelEnv[str, NDArray[np.float32], NDArray[np.float32]
         names = list(sim.results)
         if self._reward is None and names:
             return names[0]
-        if self._reward in names:
+        if str(self._reward).removeprefix("-") in names:
             return str(self._reward)
         wrong = "measures nothing" if self._reward is None else f"has no measure {self._reward!r}"
         expected = instead(str(self._reward), names) if names else "give reward=FUNCTION"
         raise UsageError(f"{self._experiment.file}: {wrong}; {expected}")
 
     def _value(self, sim: SteppedSimulation) -> float:
-        return float(sim.results.get(self._measure, 0.0))
+        value = float(sim.results.get(self._measure.removeprefix("-"), 0.0))
+        return -value if self._measure.startswith("-") else value
 
     def _rewards(self, sim: SteppedSimulation) -> list[float]:
         if callable(self._reward):
@@ -195,6 +225,9 @@ class SwarmEnvironment(ParallelEnv[str, NDArray[np.float32], NDArray[np.float32]
             now = self._value(sim)
             given, self._before = np.asarray(now - self._before), now
         rewards: list[float] = np.broadcast_to(given, len(self.possible_agents)).tolist()
+        for agent, reward in zip(self.possible_agents, rewards):
+            if not math.isfinite(reward):
+                raise UsageError(f"reward: {agent} has {reward}; expected a finite number")
         return rewards
 
 

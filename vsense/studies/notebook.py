@@ -92,7 +92,7 @@ def parallel_env(
 
     Args:
         reward: name of a measure of the experiment, whose increase in a step every robot is given;
-            or a function. None: the experiment's first measure.
+            "-light_distance_m": its decrease; or a function. None: the first measure's increase.
         actuators: virtual actuators by name, and what -1 and 1 stand for of their first number.
         leds: robots have red LEDs to switch.
         render_mode: "rgb_array", "human" (a window, extra `report`), or None.
@@ -133,8 +133,8 @@ class LoadedExperiment:
         duration_s: float | None = None,
     ) -> LoadedExperiment:
         """The same with other settings, which are added to those it has; raises as `load`."""
-        checked("robots", robots, int, 1)
-        checked("duration_s", duration_s, float, 0.0)
+        robots = checked("robots", robots, int, 1)
+        duration_s = checked("duration_s", duration_s, float, 0.0)
         added = {key: str(value) for key, value in dict(settings or {}).items()}
         changed = LoadedExperiment(
             replace(
@@ -166,7 +166,7 @@ class LoadedExperiment:
             KeyboardInterrupt: Ctrl-C; what there is of the run is in its folder.
             VsenseError: it cannot be simulated, or has failed.
         """
-        checked("seed", seed, int, 0, MOST_SEED)
+        seed = checked("seed", seed, int, 0, MOST_SEED)
         folder = None if output is None else Path(output)
         options = replace(self.options, seed=seed, output=folder)
         with interruptible() as interrupted:
@@ -199,7 +199,7 @@ class LoadedExperiment:
         fixed = {key: (value,) for key, value in self.options.settings.items()}
         varied = {k: tuple(map(str, listed(k, given))) for k, given in (settings or {}).items()}
         wanted = [checked("seeds", seed, int, 1, MOST_SEED) for seed in listed("seeds", seeds)]
-        checked("jobs", jobs, int, 1)
+        jobs = checked("jobs", jobs, int, 1)
         path = Path(os.path.abspath(output)).with_suffix(".csv")
         table = campaign.Campaign(
             Sweep({**fixed, **varied}, tuple(wanted)),
@@ -258,7 +258,7 @@ class LoadedExperiment:
     ) -> LiveRun:
         from vsense.studies.live_run import LiveRun, options_as_words
 
-        checked("seed", seed, int, 0, MOST_SEED)
+        seed = checked("seed", seed, int, 0, MOST_SEED)
         own = self.options
         settings = [word for item in own.settings.items() for word in ("--set", "=".join(item))]
         given = {"robots": own.robots, "duration": own.duration, "blind": own.blind, "seed": seed}
@@ -282,7 +282,12 @@ def checked(name: str, value: Any, kind: type[Any], least: float, most: float = 
         return None
     try:
         number = kind(value)
-        if isinstance(value, (str, bool)) or number != value or not least <= number <= most:
+        if (
+            isinstance(value, (str, bool))
+            or number != value
+            or not least <= number <= most
+            or number == math.inf
+        ):
             raise ValueError
     except (TypeError, ValueError, OverflowError):
         kinds = "a whole number" if kind is int else "a number"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import re
@@ -10,6 +11,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import cv2
@@ -20,25 +22,41 @@ from scipy import stats
 import vsense
 from tests.rigs.places import ROOT
 from vsense.base.errors import UsageError
+from vsense.base.terminal import Console
 from vsense.cli import main
 from vsense.run.runs_csv import read_runs
 from vsense.studies.series import _sequential
 from vsense.studies.series._sequential import BETTER, NOT_CLEAR, NOT_WORSE, WORSE, Floats
+from vsense.studies.series._sides import NEW, OLD
+from vsense.studies.series.compare import Margin, _Looks
 
 FORAGING = ROOT / "vsense" / "config" / "experiments" / "foraging.argos"
 ITEMS = ("--maximize", "items_home")
 Draw = Callable[[np.random.Generator, int], tuple[Floats, Floats]]
 
 
+_ALIKE = SimpleNamespace(length_s=60.0, robots=())
+
+
 def final_verdict(old: Floats, new: Floats, margin: float) -> str:
     """What a comparison says that looks at pairs one after the other."""
-    verdict = NOT_CLEAR
-    for pairs in _sequential.looks(len(old)):
-        shift = _sequential.shift_of(old[:pairs], new[:pairs], relative=True)
-        verdict = _sequential.verdict_of(shift, margin, more_is_better=True)
-        if verdict != NOT_CLEAR:
-            break
-    return verdict
+
+    class Making:
+        """Runs that are made already."""
+
+        how, path = SimpleNamespace(seeds=lambda pairs: pairs), Path("runs.csv")
+
+        def complete(self, both: object, seeds: int, what: str) -> None: ...
+
+        def rows(self, side: str, seeds: int) -> list[dict[str, float]]:
+            return [{"x": value} for value in {OLD: old, NEW: new}[side][:seeds]]
+
+    objective = SimpleNamespace(measure="x", more=True, of=lambda row: row["x"])
+    alike: Any = dict.fromkeys((OLD, NEW), SimpleNamespace(experiment=_ALIKE))
+    asked: Any = _Looks(objective, Margin(margin), len(old))
+    return str(
+        asked.take(Making(), alike, Console(io.StringIO()), _sequential.FEWEST_ALIKE).verdict
+    )
 
 
 def paired(share: float, start_share: float = 0.5) -> Draw:
@@ -87,6 +105,27 @@ def test_a_loss_is_found_and_one_beyond_the_margin_seldom_accepted() -> None:
     assert shares_of_verdicts(paired(0.9), 0.1, 200)[WORSE] > 0.8
     assert shares_of_verdicts(paired(0.9), 0.1, 200)[NOT_WORSE] < 0.062
     assert shares_of_verdicts(paired(1.1), 0.1, 200)[WORSE] == 0.0
+
+
+def test_what_is_seldom_has_time_to_happen() -> None:
+    """As good as before, or a little better, but for runs that end with nothing."""
+
+    def failing(share: float, gain: float) -> Draw:
+        def draw(random: np.random.Generator, pairs: int) -> tuple[Floats, Floats]:
+            old = random.normal(10.0, 0.5, pairs)
+            return old, np.where(random.random(pairs) < share, 0.0, gain * old)
+
+        return draw
+
+    for margin, share, gain in ((0.1, 0.15, 1.001), (0.05, 0.125, 1.03)):
+        shares = shares_of_verdicts(failing(share, gain), margin, 200)
+        assert shares[BETTER] + shares[NOT_WORSE] <= 0.05  # it was 0.3
+        assert shares[WORSE] > 0.9
+    few = [_sequential.fewest_to_pass(margin, True) for margin in (0.0, 0.02, 0.05, 0.1, 0.5)]
+    assert few == [400, 183, 72, 48, 48]
+    for margin, pairs in ((0.02, few[1]), (0.05, few[2])):
+        assert (1.0 - margin) ** pairs <= 0.025 < (1.0 - margin) ** (pairs - 1)
+    assert _sequential.fewest_to_pass(0.02, False) == 48
 
 
 def test_pairs_that_are_alike_prove_nothing_while_they_are_few() -> None:
@@ -276,3 +315,49 @@ def test_a_tenth_of_foraging_is_missed(folder: Path) -> None:
     digit = 'np.floor(1e5 * world.robots["x_m"])[:count] % 10.0'
     write_other(folder, f"(arrived & ({digit} != 7.0))")
     assert verdicts_of_foraging(50).count(WORSE) >= 40
+
+
+IMPORTS = """
+from helper import SPEED
+
+class Controller:
+    def __init__(self, robot):
+        for name in ("speed_cm_s", "walk_s", "enough"):
+            robot.param(name, 1.0)
+
+    def step(self, robot):
+        robot.set_wheels(SPEED, SPEED)
+"""
+
+
+def test_what_a_controller_imports_is_part_of_what_is_compared(folder: Path, capsys) -> None:
+    """A controller's file takes the place of the experiment's: its helper changes."""
+    (folder / "new").mkdir()
+    (folder / "new" / "mine.py").write_text(IMPORTS)
+    tables = set()
+    for speed in (300, 0):
+        (folder / "new" / "helper.py").write_text(f"SPEED = {speed}\n")
+        how = ("--duration", "5", "--robots", "3", "--pairs", "8", "--json")
+        assert compare("phototaxis", "new/mine.py", "--minimize", "light_distance_m", *how) != 2
+        tables.add(json.loads(capsys.readouterr().out)["table"])
+    assert len(tables) == 2
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (('length="120"', 'length="60"'), "old has 120 s a run, new 60: .*--duration makes"),
+        (('quantity="15"', 'quantity="12"'), "old has 15 robots, new 12: .*--robots makes"),
+    ],
+)
+def test_sides_of_other_sizes_are_not_compared(
+    change: tuple[str, str], words: str, folder: Path, capsys
+) -> None:
+    path = folder / "mine" / "mine.argos"
+    assert change[0] in path.read_text(), path.read_text()
+    text = path.read_text().replace(*change)
+    path.write_text(re.sub(r'vs:tags="[^"]*"', "", text) if "quantity" in change[0] else text)
+    assert compare("foraging", "mine", *ITEMS) == 2
+    assert re.search(words, capsys.readouterr().err)
+    with pytest.raises(UsageError, match=r"margin 10: the old mean is .*; is '10%' meant"):
+        vsense.compare("foraging", "foraging", maximize="items_home", margin=10, duration_s=20)

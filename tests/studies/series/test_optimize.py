@@ -124,6 +124,7 @@ def test_one_asks_for_whole_numbers_where_others_are_refused(capsys) -> None:
         ("loop_functions.x=1..0", "near", "=1..0: expected LOW..HIGH"),
         ("loop_functions.x=0..b", "near", "=0..b: expected LOW..HIGH"),
         ("loop_functions.x=0..1:0", "near", "=0..1:0: expected LOW..HIGH"),
+        ("loop_functions.x=0..1:7", "near", "=0..1:7: expected LOW..HIGH"),
         ("loop_functions.x=0..1:log", "near", "with :log both ends are above 0"),
         ("loop_functions.x=0.5", "near", "expected LOW..HIGH, or several values"),
         ("loop_functions.x=1,1", "near", "expected every value once"),
@@ -134,6 +135,13 @@ def test_one_asks_for_whole_numbers_where_others_are_refused(capsys) -> None:
 def test_what_is_wrong_is_said(vary: str, more: str, said: str, capsys) -> None:
     assert optimize("mine.argos", "--vary", vary, "--maximize", more, "-o", "o.csv") == 2
     assert said in capsys.readouterr().err
+
+
+def test_a_number_is_no_choice() -> None:
+    with pytest.raises(
+        vsense.VsenseError, match=r"vary loop_functions.x=0.5: expected '0..1', or a list"
+    ):
+        vsense.optimize("mine.argos", {"loop_functions.x": 0.5}, maximize="near")  # type: ignore
 
 
 def test_what_does_not_go_together_is_said(capsys) -> None:

@@ -239,14 +239,14 @@ class TruthLog:
         self._file.close()
 
 
-def read_truth(path: Path) -> NDArray[np.void]:
+def read_truth(path: str | Path) -> NDArray[np.void]:
     """Reads a truth log (timesteps,); a last record that is not whole is left out.
 
     Raises:
         LabError: the file cannot be read, or is no truth log.
     """
     with file_errors(f"truth log {path}"):
-        content = path.read_bytes()
+        content = Path(path).read_bytes()
     if len(content) < _LOG_HEADER.size:
         raise LabError(f"truth log {path}: {len(content)} bytes are no truth log")
     magic, bodies = _LOG_HEADER.unpack_from(content)

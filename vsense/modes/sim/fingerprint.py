@@ -15,7 +15,7 @@ import os
 import re
 import sys
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -90,8 +90,8 @@ def of_files(task: Task) -> dict[str, str]:
         files[experiment.loop_functions.path] = None
         programs += [p for p in [experiment.loop_functions.program] if p is not None]
     for program in programs:
-        if program.is_hosted:  # the experiment names it, so `named_files` has what it imports
-            files.update(dict.fromkeys(program.sources))
+        if program.is_hosted:  # it may be another than the one that the experiment names
+            files.update(dict.fromkeys(_with_imports(program.sources, experiment.path.parent)))
             continue
         sources = build.source_tree().runtime(program).dependencies(native())
         files.update(dict.fromkeys(sources))
@@ -115,11 +115,16 @@ def named_files(path: Path) -> list[Path]:
     quoted = _QUOTED.findall(_text(path))
     values = {html.unescape(double or single) for double, single in quoted}
     named = (path.parent / value for value in sorted(values) if value and len(value) < MAX_NAME)
-    files = dict.fromkeys([path, *(file for file in named if file.is_file())])
+    return _with_imports([path, *(file for file in named if file.is_file())], path.parent)
+
+
+def _with_imports(paths: Sequence[Path], folder: Path) -> list[Path]:
+    """These files, and all that Python and Lua among them import; `folder`: the experiment's."""
+    files = dict.fromkeys(paths)
     waiting = [file for file in files if file.suffix in HOSTED]
     while waiting:
         file = waiting.pop()
-        imported = _required(file) if file.suffix == LUA else _imported(file, path.parent)
+        imported = _required(file) if file.suffix == LUA else _imported(file, folder)
         more = [other for other in imported if other not in files]
         waiting += more
         files.update(dict.fromkeys(more))

@@ -6,10 +6,12 @@ waits, and the other way round. It is the simulation of `vsense sim`, in this pr
 
 from __future__ import annotations
 
+import operator
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any
 
 import numpy as np
@@ -20,6 +22,7 @@ from vsense.config.specs import ControllerSpec, Experiment
 from vsense.modes.sim._simulation import Simulation
 from vsense.robots.hosted import HostedProgram, build_host
 from vsense.robots.python_swarm import Leds, Swarm
+from vsense.run.environment import MOST_SEED
 from vsense.run.programs import shared_objects
 
 PICTURE_PX = 600
@@ -50,6 +53,19 @@ def stepped_controller(experiment: Experiment, controller: str = "") -> Controll
     return there[controller]
 
 
+def _checked(given: Any, seed: Any) -> tuple[Experiment, int]:
+    experiment = getattr(given, "experiment", given)
+    if not isinstance(experiment, Experiment):
+        raise UsageError(f"expected what vsense.load gives, not {experiment!r}")
+    try:
+        number = operator.index(seed)
+    except TypeError:
+        number = -1
+    if not 0 <= number <= MOST_SEED:
+        raise UsageError(f"seed {seed!r}: expected a whole number, 0 to {MOST_SEED}")
+    return experiment, number
+
+
 class SteppedSimulation:
     """One run; begins at its first control step.
 
@@ -73,6 +89,8 @@ class SteppedSimulation:
         """Starts the run.
 
         Args:
+            experiment: what `vsense.load` gives, or its `experiment`.
+            seed: of the run, 0 to `MOST_SEED`.
             draws: `picture` will be asked for.
             controller: whose place the caller takes, by its id; the other robots do what their
                 own controllers say. "": the only one.
@@ -81,12 +99,14 @@ class SteppedSimulation:
             UsageError: as `stepped_controller`.
             VsenseError: it cannot be simulated.
         """
+        experiment, seed = _checked(experiment, seed)
         spec = stepped_controller(experiment, controller)
         build_host()
         self.experiment, self.timestep, self.done, self.finished = experiment, -1, False, False
         self._program: _SteppedProgram | None = None
         self._leaves, self._error = False, None
-        self._decided, self._waits = threading.Semaphore(0), threading.Semaphore(0)
+        self._asked, self._begun = 1, 0  # control steps; what is queued only wakes who waits
+        self._orders, self._news = SimpleQueue[None](), SimpleQueue[None]()
         others = tuple(other for other in experiment.controllers if other is not spec)
         libraries = shared_objects(replace(experiment, controllers=others))
         libraries[spec.id], openers = Path(spec.id), {spec.id: self._open}
@@ -134,15 +154,20 @@ class SteppedSimulation:
             VsenseError: the run has failed.
             ValueError: it is over.
         """
+        self._wait()  # for one that Ctrl-C has interrupted
         if self.done:
             raise ValueError("the run is over")
-        self._decided.release()
-        self._wait()
+        self._asked = self._begun + 1
+        try:
+            self._wait()
+        except KeyboardInterrupt:
+            self._wait()  # what is seen then is of one timestep
+            raise
 
     def close(self) -> None:
         """Ends the run."""
         self._leaves = True
-        self._decided.release()
+        self._orders.put(None)
         self._thread.join()
 
     def __enter__(self) -> SteppedSimulation:
@@ -152,7 +177,12 @@ class SteppedSimulation:
         self.close()
 
     def _wait(self) -> None:
-        self._waits.acquire()
+        """Until as many control steps have begun as were asked for. To be called again after an
+        interruption anywhere in it: a queue's `get` is whole, or was not."""
+        if self._begun < self._asked and not self.done:
+            self._orders.put(None)
+        while self._begun < self._asked and not self.done:
+            self._news.get()
         if self._error is not None:
             error, self._error = self._error, None
             raise error
@@ -166,8 +196,10 @@ class SteppedSimulation:
         if self._leaves:
             raise _Abandoned
         self.timestep += 1
-        self._waits.release()
-        self._decided.acquire()
+        self._begun += 1
+        self._news.put(None)
+        while self._asked <= self._begun and not self._leaves:
+            self._orders.get()
         if self._leaves:
             raise _Abandoned
 
@@ -180,7 +212,7 @@ class SteppedSimulation:
         except BaseException as error:
             self._error = error
         self.done = True
-        self._waits.release()
+        self._news.put(None)
 
 
 class _SteppedProgram(HostedProgram):
@@ -189,6 +221,7 @@ class _SteppedProgram(HostedProgram):
     def __init__(self, turn: Callable[[], None], *arguments: Any, **named: Any) -> None:
         self._turn = turn
         super().__init__(*arguments, **named)
+        self.swarm.refuse_unknown()
 
     def act(self) -> None:
         self._turn()

@@ -2,8 +2,9 @@
 
 Old and new run with the same seed are a pair. After 8, 12, 16, ... pairs (`LOOKS`) an interval is
 drawn around the difference of the means; these intervals hold the truth *all at once* in 95 % of
-all comparisons. So whoever stops as soon as an interval says something is wrong in 2.5 % at most
-on either side, however often was looked.
+all comparisons, where means of so many differences are nearly normal. So whoever stops as soon as
+an interval says something is wrong in 2.5 % on either side, however often was looked. Differences
+are not normal where a swarm now and then fails whole: see `fewest_to_pass`.
 
 Source:
     Repeated confidence intervals: C. Jennison and B. W. Turnbull, "Interim Analyses: The Repeated
@@ -101,6 +102,18 @@ def verdict_of(shift: Shift, margin: float, more_is_better: bool) -> str:
     if most < 0.0 and least < -margin:
         return WORSE
     return NOT_WORSE if least >= -margin else NOT_CLEAR
+
+
+def fewest_to_pass(margin: float, relative: bool) -> int:
+    """Before so many pairs nothing is better or not worse: what is seldom needs time to happen.
+
+    A failure that loses everything in a share of the runs larger than a relative `margin` costs
+    more than is accepted; no run of these pairs has it in 2.5 % of all cases at most.
+    """
+    if not relative:
+        return FEWEST_ALIKE
+    unseen = math.log(0.025) / math.log1p(-margin) if margin > 0.0 else math.inf
+    return math.ceil(min(max(FEWEST_ALIKE, unseen), LOOKS[-1]))
 
 
 def _divided(number: float, by: float) -> float:

@@ -84,10 +84,13 @@ class TrialOptions:
             raise UsageError(f"{unknown[0]}: no such option; {instead(unknown[0], names)}")
         settings = {key: str(value) for key, value in (how.get("settings") or {}).items()}
         options = cls(**{**how, "settings": settings})
-        checked("robots", options.robots, int, 1)
-        checked("duration_s", options.duration_s, float, 0.0)
-        checked("seed", options.seed, int, 1, MOST_SEED)
-        checked("jobs", options.jobs, int, 1)
+        options = replace(
+            options,
+            robots=checked("robots", options.robots, int, 1),
+            duration_s=checked("duration_s", options.duration_s, float, 0.0),
+            seed=checked("seed", options.seed, int, 1, MOST_SEED),
+            jobs=checked("jobs", options.jobs, int, 1),
+        )
         check_simulator(options.on, options.jobs, False)
         if options.style is not None and can_draw():
             _plot.require_sheet(options.style)

@@ -49,6 +49,8 @@ class Varied:
     @classmethod
     def of(cls, key: str, values: str | Sequence[str | float]) -> Varied:
         """Reads `0..1`, `0..1:0.1`, `0.001..1:log`, `a,b,c`, or a list; UsageError: it is none."""
+        if not isinstance(values, (str, Sequence)):
+            raise UsageError(f"vary {key}={values!r}: expected '0..1', or a list of several values")
         text = values if isinstance(values, str) else ";".join(map(str, [*values, ""]))
         found = _RANGE.fullmatch(text)
         if found is None:
@@ -60,10 +62,11 @@ class Varied:
         try:
             step = None if how in (None, "log") else float(how)
             varied = cls(key, (), float(low), float(high), step, log=how == "log")
-            if not (varied.low < varied.high < float("inf")) or (step is not None and step <= 0.0):
+            span = varied.high - varied.low
+            if not 0.0 < span < float("inf") or not 0.0 < (span if step is None else step) <= span:
                 raise ValueError
         except ValueError:
-            words = "expected LOW..HIGH, LOW..HIGH:STEP or LOW..HIGH:log, LOW below HIGH"
+            words = "expected LOW..HIGH, LOW..HIGH:STEP or LOW..HIGH:log, LOW below HIGH by STEP"
             raise UsageError(f"--vary {key}={text}: {words}") from None
         if varied.log and varied.low <= 0.0:
             raise UsageError(f"--vary {key}={text}: with :log both ends are above 0")

@@ -102,6 +102,11 @@ class Comparison:
         return shift.low, shift.high
 
     @property
+    def fewest_to_pass(self) -> int:
+        """After fewer pairs nothing is better or not worse, unless both sides are the same."""
+        return _sequential.fewest_to_pass(self.margin.value, self.margin.relative)
+
+    @property
     def words(self) -> str:
         """The verdict with what it means."""
         return self.verdict + f" by more than {self.margin}" * (self.verdict == NOT_WORSE)
@@ -131,6 +136,10 @@ class Comparison:
         text += f", {shift_words(self.looks[-1][1])}, in {self.pairs} pairs of runs"
         if self.verdict in (WORSE, NOT_CLEAR):
             text += f"; accepted: {self.margin} {'less' if self.objective.more else 'more'}"
+        if self.verdict == NOT_CLEAR and self.pairs < self.fewest_to_pass:
+            text += (
+                f"; nothing passes before {self.fewest_to_pass} pairs: what is seldom needs time"
+            )
         return text
 
 
@@ -190,6 +199,18 @@ def compare(
     return replace(answer, picture=making.draw(partial(_draw, answer)))
 
 
+def _check_alike(both: Mapping[str, PlannedExperiment]) -> None:
+    """UsageError: runs of one side are longer, or have more robots."""
+    old, new = (both[side].experiment for side in (OLD, NEW))
+    for what, sizes, option in (
+        ("s a run", (old.length_s, new.length_s), "--duration"),
+        ("robots", (len(old.robots), len(new.robots)), "--robots"),
+    ):
+        if sizes[0] != sizes[1]:
+            words = f"old has {sizes[0]:g} {what}, new {sizes[1]:g}"
+            raise UsageError(f"{words}: no measure tells them apart; {option} makes them alike")
+
+
 @dataclass(frozen=True)
 class _Looks:
     """What runs are judged by, and at most so many pairs of them."""
@@ -206,8 +227,10 @@ class _Looks:
         alike: int,
     ) -> Comparison:
         """Makes pairs, and looks at them again and again; raises as `GrowingRuns.complete`."""
+        _check_alike(both)
         looks: list[tuple[int, Shift]] = []
-        measure = spoken(self.objective.measure)
+        measure, margin = spoken(self.objective.measure), self.margin
+        fewest = _sequential.fewest_to_pass(margin.value, margin.relative) if alike else 0
         for pairs in (1, *_sequential.looks(self.pairs)):  # after one a wrong measure is known
             seeds = making.how.seeds(pairs)
             making.complete(both, seeds, f"to {pairs} of {self.pairs} pairs")
@@ -216,13 +239,24 @@ class _Looks:
                 for side in (OLD, NEW)
             )
             if pairs > 1:
-                shift = _sequential.shift_of(old, new, self.margin.relative, alike)
+                self._check_margin(old)
+                shift = _sequential.shift_of(old, new, margin.relative, alike)
                 looks.append((pairs, shift))
                 console.say(f"{pairs:4} pairs: {measure} {shift_words(shift)}")
-                verdict = _sequential.verdict_of(shift, self.margin.value, self.objective.more)
+                verdict = _sequential.verdict_of(shift, margin.value, self.objective.more)
+                if verdict in (BETTER, NOT_WORSE) and pairs < fewest:
+                    verdict = NOT_CLEAR
                 if verdict != NOT_CLEAR:
                     break
-        return Comparison(verdict, self.objective, self.margin, old, new, looks, making.path)
+        return Comparison(verdict, self.objective, margin, old, new, looks, making.path)
+
+    def _check_margin(self, old: Floats) -> None:
+        mean, margin = float(old.mean()), self.margin
+        if self.objective.more and not margin.relative and 0.0 < mean <= margin.value:
+            words = (
+                f"margin {margin}: the old mean is {mean:.4g}, so that who does nothing would pass"
+            )
+            raise UsageError(f"{words}; is '{margin}%' meant?")
 
 
 def _draw(answer: Comparison) -> Figure:
