@@ -79,6 +79,7 @@ static void become(const struct vs_driver_line *line)
 {
     char command[sizeof "exec " + VS_BASE_DEVICE_MAX];
 
+    line->driver->pid = (int32_t)getpid(); /* whoever started it may be gone by now */
     vs_format(command, sizeof command, "exec %s", line->command);
     vs_rights_give_back();
     vs_signals_may_sleep();

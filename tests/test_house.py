@@ -429,7 +429,7 @@ BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     "the page": (("vsense",), (".js", ".css", ".html"), 46, 6000, 300),
     "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 292, 32250, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 34, 7100, 512),
-    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 638, 109050, 657),
+    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 639, 109300, 657),
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 
