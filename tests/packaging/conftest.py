@@ -24,6 +24,7 @@ EXTRAS = (
     "optimize",
     "record",
     "report",
+    "ros2",
     "tables",
     "thymio",
     "web",

@@ -18,7 +18,7 @@ import pytest
 
 from tests.rigs.places import ROOT
 
-cyclonedds = pytest.importorskip("cyclonedds", reason="pip install cyclonedds")
+cyclonedds = pytest.importorskip("cyclonedds", reason="pip install vsense[ros2]")
 DRIVERS = ROOT / "robot" / "drivers"
 DOMAIN = 71
 ORDER_LEN, REPORT_LEN = 48, 160

@@ -15,6 +15,7 @@ EXTRAS = {
     "anywidget": "notebook",
     "argcomplete": "completion",
     "cryptography": "https",
+    "cyclonedds": "ros2",
     "distributed": "cluster",
     "foxglove": "foxglove",
     "lupa": "lua",

@@ -51,7 +51,9 @@ _PURPOSES = {
     "notebook": "runs that play in notebooks",
     "learn": "learning in simulation (vsense.parallel_env)",
     "optimize": "searches for the best settings (vsense optimize)",
+    "ros2": "the driver of robots with ROS 2 (exec:ros2)",
     "tables": "runs as data frames (to_pandas)",
+    "thymio": "the driver of Thymios (exec:thymio)",
 }
 
 _TIME_ERROR = 5
