@@ -21,18 +21,8 @@ from vsense.base.arena import wrap_angle
 from vsense.base.errors import UsageError
 from vsense.config._distribute import DistributedSpec, Distribution
 from vsense.config.specs import Experiment, ObjectSpec, Pose, RobotSpec, Stage
-from vsense.world.entities import (
-    BODY_HEIGHT_M,
-    BODY_RADIUS_M,
-    Arena,
-    Box,
-    Cylinder,
-    Entity,
-    Light,
-    Vector,
-    VirtualRobot,
-    moved,
-)
+from vsense.world.entities import Arena, Box, Cylinder, Entity, Light, Vector, VirtualRobot, moved
+from vsense.world.robot_models import EPUCK
 
 Point = tuple[float, float]
 
@@ -133,7 +123,7 @@ class Footprint:
 
 def of_robot(what: str, pose: Pose) -> Footprint:
     """Gives the footprint of an e-puck or a tagged object."""
-    return Footprint(what, pose.x_m, pose.y_m, 0.0, BODY_HEIGHT_M, BODY_RADIUS_M)
+    return Footprint(what, pose.x_m, pose.y_m, 0.0, EPUCK.height_m, EPUCK.radius_m)
 
 
 def of_entity(entity: Entity) -> Footprint | None:
@@ -284,8 +274,8 @@ class _Placement(_Standing):
             yaw_rad = self._draws.uniform(-math.pi, math.pi)
         body = of_robot("", pose)
         # A wall that the place itself lies in is in nobody's way, nor is one overhead.
-        walls = [w for w in self._solid if -BODY_RADIUS_M < body.distance_m(w) < math.inf]
-        reach_m = BODY_RADIUS_M * math.sqrt(_ROOM_EACH * (len(self.displaced) + 1))
+        walls = [w for w in self._solid if -EPUCK.radius_m < body.distance_m(w) < math.inf]
+        reach_m = EPUCK.radius_m * math.sqrt(_ROOM_EACH * (len(self.displaced) + 1))
         for _ in range(_MOST_TRIALS):
             away_m, towards = reach_m * math.sqrt(self._draws.random()), self._draws.random()
             x_m = start[0] + away_m * math.cos(2.0 * math.pi * towards)

@@ -15,8 +15,9 @@ from vsense.config.experiment import SHIPPED_FOLDER, first_robots, load
 from vsense.config.specs import Experiment, Stage
 from vsense.modes.sim._simulation import Simulation
 from vsense.robots.inprocess import ACT_NS
-from vsense.world.entities import BODY_RADIUS_M, Box, Cylinder
-from vsense.world.physics.motion import STEP_M, obstacles
+from vsense.world.entities import Box, Cylinder
+from vsense.world.physics.motion import obstacles
+from vsense.world.robot_models import EPUCK
 
 SHORT_S = 12.0
 
@@ -48,9 +49,9 @@ def test_nobody_is_inside_anybody_or_anything(experiment, pollutant) -> None:
     places = record.poses[:, :, :2]
     apart = np.hypot(*(places[:, :, None] - places[:, None]).transpose(3, 0, 1, 2))
     apart[:, np.arange(places.shape[1]), np.arange(places.shape[1])] = 1.0
-    assert apart.min() > 2 * BODY_RADIUS_M - 2e-4
-    assert np.abs(places[..., 0]).max() < 1.48 - BODY_RADIUS_M + 2e-4
-    assert np.abs(places[..., 1]).max() < 1.18 - BODY_RADIUS_M + 2e-4
+    assert apart.min() > 2 * EPUCK.radius_m - 2e-4
+    assert np.abs(places[..., 0]).max() < 1.48 - EPUCK.radius_m + 2e-4
+    assert np.abs(places[..., 1]).max() < 1.18 - EPUCK.radius_m + 2e-4
     moved = np.ptp(places[:, : len(record.tags)], axis=0).max(axis=1)
     assert (moved > 0.05).all(), "everybody drives about"
     np.testing.assert_array_equal(places[0, -1], places[-1, -1])
@@ -80,7 +81,7 @@ def test_wheels_obey_31_ms_after_the_capture(experiment, probe) -> None:
     straight = replace(alone.controllers[0], params={"speed": "3000"}, sensors=())
     record = lived(replace(alone, controllers=(straight,), length_s=0.3), probe).record
     way_m = np.hypot(*np.diff(record.poses[:, 0, :2], axis=0).T)
-    full_m_s = 1000 * STEP_M
+    full_m_s = 1000 * EPUCK.step_m
     np.testing.assert_allclose(way_m[0], full_m_s * (0.1 - ACT_NS * 1e-9), rtol=1e-9)
     np.testing.assert_allclose(way_m[1], full_m_s * 0.1, rtol=1e-9)
 
@@ -107,11 +108,11 @@ def test_only_what_is_physical_stands_in_the_way(experiment, pollutant) -> None:
     record = lived(furnished, pollutant).record
     places = record.poses[:, : len(record.tags), :2]
     from_post = np.hypot(*(places - (-0.6, -0.4)).transpose(2, 0, 1))
-    assert from_post.min() > 0.15 + BODY_RADIUS_M - 2e-4
+    assert from_post.min() > 0.15 + EPUCK.radius_m - 2e-4
     turn = np.array([[np.cos(0.4), -np.sin(0.4)], [np.sin(0.4), np.cos(0.4)]])
     local = np.abs((places - (0.6, 0.3)) @ turn)
     beyond = np.maximum(local - (0.15, 0.1), 0.0)
-    assert np.hypot(beyond[..., 0], beyond[..., 1]).min() > BODY_RADIUS_M - 2e-4
+    assert np.hypot(beyond[..., 0], beyond[..., 1]).min() > EPUCK.radius_m - 2e-4
     on_ghost = (np.abs(places - (0.6, -0.5)) < 0.2).all(axis=2)
     assert on_ghost.any()
 

@@ -22,6 +22,7 @@ from vsense.modes.lab._reach import reachable
 from vsense.modes.lab.hardware import RobotHardware
 from vsense.vision.cameras.camera import Camera
 from vsense.world.entities import Arena
+from vsense.world.robot_models import read_model
 
 GridShape = tuple[int, int]
 """Columns along x, and rows along y."""
@@ -162,7 +163,8 @@ class LabCameraSpec:
 
     def to_json(self) -> str:
         """The spec as one line."""
-        return json.dumps(asdict(self) | {"log": str(self.log)})
+        bodies = [asdict(body) | {"model": str(body.model.file)} for body in self.bodies]
+        return json.dumps(asdict(self) | {"log": str(self.log), "bodies": bodies})
 
     @classmethod
     def from_json(cls, text: str) -> LabCameraSpec:
@@ -174,7 +176,14 @@ class LabCameraSpec:
             )
             values["boxes"] = tuple(Block(**box) for box in values["boxes"])
             values["bodies"] = tuple(
-                Body(**{**body, "marker": tuple(body["marker"])}) for body in values["bodies"]
+                Body(
+                    **{
+                        **body,
+                        "marker": tuple(body["marker"]),
+                        "model": read_model(Path(body["model"])),
+                    }
+                )
+                for body in values["bodies"]
             )
             values["log"] = Path(values["log"])
             return cls(**values)

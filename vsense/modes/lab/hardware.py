@@ -24,7 +24,7 @@ from vsense.base.errors import UsageError
 from vsense.config.roster_fields import MarkerOffset
 from vsense.config.specs import Experiment
 from vsense.modes.lab._real_sensors import SensorHardware, draw_sensors
-from vsense.world.physics.motion import AXLE_M, WHEEL_DIAMETER_MM
+from vsense.world.robot_models import EPUCK
 
 Floats = NDArray[np.float64]
 
@@ -91,7 +91,7 @@ class RobotHardware:
     @property
     def wheel_diameter_mm(self) -> float:
         """The mean of both wheels."""
-        return WHEEL_DIAMETER_MM * (self.left + self.right) / 2.0
+        return (1000.0 * EPUCK.diameter_m) * (self.left + self.right) / 2.0
 
     @property
     def wheel_ratio(self) -> float:
@@ -136,7 +136,7 @@ def draw(tag: int, errors: HardwareErrors) -> RobotHardware:
         MarkerOffset(x_m, y_m, float(yaw_rad)),
         float(left),
         right,
-        float(AXLE_M * axle),
+        float(EPUCK.axle_m * axle),
         sensors,
     )
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from vsense.base.canvas import INK, MUTED, Canvas, Colour, Floats, Image, width_of
 from vsense.monitor.pictures._projections import Projection, upright
 from vsense.monitor.pictures._world_snapshot import Lamp, Patch, Solid, WorldSnapshot
-from vsense.world.entities import BODY_HEIGHT_M, BODY_RADIUS_M
+from vsense.world.robot_models import EPUCK
 
 CONE: Colour = (60, 140, 245)
 LIT: Colour = (48, 48, 226)
@@ -94,7 +94,7 @@ class ArenaMoment:
     @property
     def tops_m(self) -> Floats:
         """(n,) heights of the robots' tops."""
-        usual = np.full(len(self.poses), BODY_HEIGHT_M)
+        usual = np.full(len(self.poses), EPUCK.height_m)
         return usual if self.heights_m is None else self.heights_m
 
 
@@ -234,13 +234,13 @@ def _robots(canvas: Canvas, moment: ArenaMoment, view: Projection) -> None:
         for piece in view.line(upright(moment.trails[:, robot], 0.0)):
             canvas.lines(piece, TRAIL, 1.0)
     for place in () if moment.objects is None else moment.objects:
-        square = place + 0.5 * BODY_RADIUS_M * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-        _marked(canvas, view, square, 0.0 if view.flat else BODY_HEIGHT_M, BODY_RADIUS_M)
+        square = place + 0.5 * EPUCK.radius_m * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+        _marked(canvas, view, square, 0.0 if view.flat else EPUCK.height_m, EPUCK.radius_m)
     for pose, top_m, lit, virtual in zip(poses, tops, moment.lit, moment.snapshot.leds):
         spot = view.spot(np.array([*pose[:2], top_m]))
         if spot is None:
             continue
-        at, radius = spot[0], BODY_RADIUS_M * spot[1]
+        at, radius = spot[0], EPUCK.radius_m * spot[1]
         if lit:
             canvas.glow(at, 1.9 * radius, LIT, 0.30)
         if virtual.any():
@@ -254,8 +254,8 @@ def _robot(
     canvas: Canvas, pose: Floats, top_m: float, view: Projection, colour: Colour, radius: float
 ) -> None:
     """Draws a ring and a heading; `radius` [px] says how thick."""
-    tip = pose[:2] + 2.1 * BODY_RADIUS_M * np.array([np.cos(pose[2]), np.sin(pose[2])])
-    rim = pose[:2] + BODY_RADIUS_M * _RIM
+    tip = pose[:2] + 2.1 * EPUCK.radius_m * np.array([np.cos(pose[2]), np.sin(pose[2])])
+    rim = pose[:2] + EPUCK.radius_m * _RIM
     _outline(canvas, view, upright(rim, top_m), colour, float(np.clip(0.22 * radius, 1.2, 3.0)))
     for piece in view.line(upright(np.array([pose[:2], tip]), top_m)):
         canvas.lines(piece, colour, float(np.clip(0.18 * radius, 1.2, 2.0)))
@@ -263,15 +263,15 @@ def _robot(
 
 def _virtual_robot(canvas: Canvas, pose: Floats, view: Projection) -> None:
     """Draws a body that nobody sees: where it stands, and its top."""
-    rim = pose[:2] + BODY_RADIUS_M * _RIM
-    top_m = 0.0 if view.flat else BODY_HEIGHT_M
+    rim = pose[:2] + EPUCK.radius_m * _RIM
+    top_m = 0.0 if view.flat else EPUCK.height_m
     canvas.fill(view.area(upright(rim, 0.0)), VIRTUAL_ROBOT, 0.35)
     if not view.flat:
         canvas.fill(view.area(upright(rim, top_m)), VIRTUAL_ROBOT, 0.35)
         _edges(canvas, Solid(rim, 0.0, top_m), view, VIRTUAL_ROBOT, 1.0)
     spot = view.spot(np.array([*pose[:2], top_m]))
     if spot is not None:
-        _robot(canvas, pose, top_m, view, VIRTUAL_ROBOT, BODY_RADIUS_M * spot[1])
+        _robot(canvas, pose, top_m, view, VIRTUAL_ROBOT, EPUCK.radius_m * spot[1])
 
 
 def _senses(canvas: Canvas, moment: ArenaMoment, senses: Senses, view: Projection) -> None:
@@ -282,18 +282,18 @@ def _senses(canvas: Canvas, moment: ArenaMoment, senses: Senses, view: Projectio
         # Several sensors that look the same way stand side by side.
         turns = pose[2] + angles + 0.05 * number
         ways = np.stack((np.cos(turns), np.sin(turns)), axis=-1)
-        reach = BODY_RADIUS_M + (_RAY_M - BODY_RADIUS_M) * np.clip(shares, 0.0, 1.0)
+        reach = EPUCK.radius_m + (_RAY_M - EPUCK.radius_m) * np.clip(shares, 0.0, 1.0)
         for way, far in zip(ways, reach):
-            ends = pose[:2] + np.outer((BODY_RADIUS_M, far), way)
+            ends = pose[:2] + np.outer((EPUCK.radius_m, far), way)
             for piece in view.line(upright(ends, top_m)):
                 canvas.lines(piece, colours[number % len(colours)], 2.5)
     _outline(
-        canvas, view, upright(pose[:2] + 2.6 * BODY_RADIUS_M * _RIM, top_m),
+        canvas, view, upright(pose[:2] + 2.6 * EPUCK.radius_m * _RIM, top_m),
         INK if view.flat else _WHITE, 1.5,
     )  # fmt: skip
     spot = view.spot(np.array([*pose[:2], top_m]))
     if spot is not None:
-        at = spot[0] + (0.0, 2.6 * BODY_RADIUS_M * spot[1] + 14.0)
+        at = spot[0] + (0.0, 2.6 * EPUCK.radius_m * spot[1] + 14.0)
         for line, word in enumerate(senses.words):
             below = at + np.array([0.0, 16.0 * line])
             _in_the_middle(canvas, word, below, INK if view.flat else _WHITE, 0.45, view)
@@ -305,7 +305,7 @@ def _names(canvas: Canvas, moment: ArenaMoment, view: Projection) -> None:
     colour = INK if view.flat else _WHITE
     for pose, top_m, name in zip(moment.poses, moment.tops_m, moment.names):
         spot = view.spot(np.array([*pose[:2], top_m]))
-        radius = 0.0 if spot is None else BODY_RADIUS_M * spot[1]
+        radius = 0.0 if spot is None else EPUCK.radius_m * spot[1]
         if spot is None or radius < _NAMED_PX:
             continue
         size = np.array([width_of(name, _NAME, canvas.scale), 11.0])

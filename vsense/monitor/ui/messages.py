@@ -24,8 +24,9 @@ from vsense.robots.link.table import Direction, Entry
 from vsense.run.environment import Environment, Equipment
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.cameras.grabber import Troubles
-from vsense.world.entities import BODY_RADIUS_M, Entity
+from vsense.world.entities import Entity
 from vsense.world.fields import Field, Floor
+from vsense.world.robot_models import EPUCK
 from vsense.world.sensors.base import VirtualSensor, layout_dtype
 from vsense.world.world import World
 
@@ -188,7 +189,8 @@ def experiment(facts: ExperimentFacts, environment: Environment) -> Data:
         controllers=[_controller(*which) for which in zip(spec.controllers, environment.equipment)],
         cameras=cameras(facts.cameras, facts.trackers, facts.masks),
         calibration=facts.calibration,
-        body_radius_m=BODY_RADIUS_M,
+        body_radius_m=EPUCK.radius_m,
+        body_height_m=EPUCK.height_m,
     ).data()
 
 

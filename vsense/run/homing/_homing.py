@@ -20,17 +20,17 @@ from vsense.run.homing._motion import MAX_M_S, braked_m_s, carrot_m, in_frame
 from vsense.run.homing._traffic import Decision, Traffic, decide
 from vsense.run.homing.floor import DrivingFloor
 from vsense.run.homing.robots import LIMITS, Arrival, HomingLimits, Traveller, Trouble
-from vsense.world.entities import BODY_RADIUS_M
+from vsense.world.robot_models import EPUCK
 
 Floats = NDArray[np.float64]
 
-ROBOT_SPACING_M = 2.0 * BODY_RADIUS_M + 0.018
+ROBOT_SPACING_M = 2.0 * EPUCK.radius_m + 0.018
 """Distance of two robots' centres; less where their homes are nearer to each other."""
-MIN_SPACING_M = 2.0 * BODY_RADIUS_M + 0.003
+MIN_SPACING_M = 2.0 * EPUCK.radius_m + 0.003
 """The least distance of two centres."""
 EXTRA_STANDING_M, EXTRA_UNSEEN_M = 0.01, 0.03
 """Added to the distance from robots that cannot move, and from those that are not seen."""
-WALL_GAP_M = BODY_RADIUS_M + 0.012
+WALL_GAP_M = EPUCK.radius_m + 0.012
 """Distance of a centre from walls; less where its home is nearer."""
 YIELD_M_S = 0.06
 """The speed with which a robot at its home makes way for others."""

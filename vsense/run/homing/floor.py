@@ -15,8 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from vsense.config.geofence import Geofence
 from vsense.config.specs import Experiment
-from vsense.world.entities import BODY_RADIUS_M, Arena, Box, Cylinder
+from vsense.world.entities import Arena, Box, Cylinder
 from vsense.world.physics.motion import obstacles
+from vsense.world.robot_models import EPUCK
 
 Floats = NDArray[np.float64]
 Point = tuple[float, float]
@@ -75,7 +76,7 @@ class DrivingFloor:
     def _inner(self) -> NDArray[np.bool_]:
         """Which boxes are no walls along the arena's border."""
         away = np.abs(self._boxes[:, :2] - self._centre) - self._half
-        return np.asarray((away < -2.0 * BODY_RADIUS_M).all(axis=1))
+        return np.asarray((away < -2.0 * EPUCK.radius_m).all(axis=1))
 
     def clearance_m(self, points: Floats, discs: Floats = NO_DISCS) -> Floats:
         """How far points are from the nearest wall or disc.
@@ -113,7 +114,7 @@ class DrivingFloor:
         free = self.clearance_m(line, discs)
         needed = np.full(count, room_m)
         for index in (0, -1):
-            near = np.abs(share[:, 0] - share[index, 0]) * length_m < 2.0 * BODY_RADIUS_M
+            near = np.abs(share[:, 0] - share[index, 0]) * length_m < 2.0 * EPUCK.radius_m
             needed[near] = np.minimum(needed[near], free[index])
         return bool((free >= needed - 1e-9).all())
 

@@ -22,6 +22,7 @@ interface ExperimentMessage {
   controllers: Controller[];
   cameras: CameraDescription[];
   body_radius_m: number;
+  body_height_m?: number;
   made: { series?: PlannedRun } | null;
 }
 
