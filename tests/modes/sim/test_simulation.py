@@ -11,13 +11,15 @@ import numpy as np
 import pytest
 
 from tests.rigs.places import ROOT
+from vsense.base.errors import ConfigError
 from vsense.config.experiment import SHIPPED_FOLDER, first_robots, load
 from vsense.config.specs import Experiment, Stage
 from vsense.modes.sim._simulation import Simulation
+from vsense.modes.sim.outcome import libraries_of
 from vsense.robots.inprocess import ACT_NS
 from vsense.world.entities import Box, Cylinder
 from vsense.world.physics.motion import obstacles
-from vsense.world.robot_models import EPUCK
+from vsense.world.robot_models import EPUCK, MODELS_FOLDER
 
 SHORT_S = 12.0
 
@@ -149,3 +151,31 @@ def test_no_robot_is_faster_than_the_file_allows(pollutant, tmp_path: Path) -> N
     assert speeds_m_s[0] > 0.07
     # The e-puck's motors take the next lower step; bodies that are pushed move by 0.1 mm more.
     assert 0.04 < speeds_m_s[1] <= 0.05 + 1e-3
+
+
+def test_robots_of_several_models_share_an_arena(tmp_path: Path) -> None:
+    text = (SHIPPED_FOLDER / "predator_prey.argos").read_text()
+    path, own = tmp_path / "mixed.argos", tmp_path / "big.toml"
+    loops = (SHIPPED_FOLDER / "predator_prey.py").read_text()
+    (tmp_path / "predator_prey.py").write_text(loops)
+    path.write_text(text.replace('<e-puck id="predator"', '<e-puck vs:model="big" id="predator"'))
+    with pytest.raises(ConfigError, match="there is no robot model 'big'"):
+        load(str(path))
+    thymio = (MODELS_FOLDER / "thymio2.toml").read_text()
+    own.write_text(thymio.replace("radius_m = 0.08", "radius_m = 0.2"))
+    mixed = load(str(path), 60.0, stage=Stage.SIM)
+    models = [robot.model for robot in mixed.robots]
+    assert {model.name for model in models} == {"big", "epuck"}
+    run = Simulation(mixed, libraries_of(mixed), 1)
+    run.run()
+    places = run.record.poses[:, : len(models), :2]
+    radii = np.array([model.radius_m for model in models])
+    apart = np.hypot(*(places[:, :, None] - places[:, None]).transpose(3, 0, 1, 2))
+    apart[:, np.arange(len(models)), np.arange(len(models))] = 1.0
+    assert (apart > radii + radii[:, None] - 3e-4).all()
+    assert (apart < radii + radii[:, None] + 1e-3).any(), "some touch"
+    half = np.array(mixed.arena.size_m[:2]) / 2
+    assert (np.abs(places) < half - radii[:, None] + 1e-3).all()
+    world = run.environment.world
+    rows = world.bodies().rows[: len(models)]
+    np.testing.assert_array_equal(rows["radius_m"], radii)

@@ -22,7 +22,7 @@ from vsense.modes.lab._reach import reachable
 from vsense.modes.lab.hardware import RobotHardware
 from vsense.vision.cameras.camera import Camera
 from vsense.world.entities import Arena
-from vsense.world.robot_models import read_model
+from vsense.world.robot_models import EPUCK, read_model
 
 GridShape = tuple[int, int]
 """Columns along x, and rows along y."""
@@ -226,7 +226,6 @@ def spec_for(
     Raises:
         TooLargeArena: it is too large for the cameras.
     """
-    height_m = experiment.marker.height_m
     return LabCameraSpec(
         cameras=tuple(cameras or cameras_above(experiment, grid)),
         boxes=tuple(Block.of(thing) for thing in experiment.solids),
@@ -235,7 +234,10 @@ def spec_for(
                 robot_body(experiment, robot.tag, hardware.get(robot.tag), worn)
                 for robot in experiment.robots
             ),
-            *(Body(thing.tag, height_m, OBJECT) for thing in experiment.objects),
+            *(
+                Body(thing.tag, experiment.marker_height_m(thing.tag), OBJECT, model=thing.model)
+                for thing in experiment.objects
+            ),
         ),
         family=experiment.marker.family,
         timestep_ns=experiment.timestep_ns,
@@ -253,7 +255,8 @@ def robot_body(
     worn: Mapping[int, int] = {},
 ) -> Body:
     """How a robot looks from above; for `built` and `worn` see `spec_for`."""
-    return Body(worn.get(tag, tag), experiment.marker.height_m, ROBOT, _marker(built))
+    height_m, model = experiment.marker_height_m(tag), experiment.models.get(tag, EPUCK)
+    return Body(worn.get(tag, tag), height_m, ROBOT, _marker(built), model)
 
 
 def _marker(built: RobotHardware | None) -> tuple[float, float, float]:

@@ -312,7 +312,7 @@ def _spec(
     black: Sequence[tuple[float, float, float]] = (),
 ) -> dict[str, object]:
     """The process's spec; see the module."""
-    boxes, cylinders = obstacles(experiment.boxes, experiment.cylinders)
+    boxes, cylinders = obstacles(experiment.boxes, experiment.cylinders, experiment.tallest_m)
     ours = [hardware[robot.tag] for robot in experiment.robots if hardware]
     built = [body.for_physics() for body in ours]
     sensors = [asdict(body.sensors) for body in ours if body.sensors is not None]
@@ -324,6 +324,7 @@ def _spec(
         "objects": [{"tag": thing.tag, **_pose(thing)} for thing in experiment.objects],
         "boxes": [dict(zip(BOX, box)) for box in boxes.tolist()],
         "cylinders": [dict(zip(CYLINDER, cylinder)) for cylinder in cylinders.tolist()],
+        "models": [str(body.model.file) for body in experiment.bodies],
         "truth": truth,
         "log": str(log),
         "directory": str(log.parent),

@@ -82,6 +82,7 @@ class RecordedScenes:
         self._timestep_s = facts.timestep_s or 0.0
         self._before, self._newest = (-1, 0), -1
         self._heights = {r["tag"]: float(r["height_m"]) for r in facts.robots if "height_m" in r}
+        self._radii = {r["tag"]: float(r["radius_m"]) for r in facts.robots if "radius_m" in r}
         self._objects = {thing.get("tag") for thing in facts.objects}
         self._entities: list[Entity] = []
         self._floor: Any = None
@@ -174,6 +175,7 @@ class RecordedScenes:
             lit=lit,
             trails=self._ways(tags) - middle[:2],
             heights_m=np.array([self._heights.get(tag, EPUCK.height_m) for tag in tags]),
+            radii_m=np.array([self._radii.get(tag, EPUCK.radius_m) for tag in tags]),
             names=[str(tag) for tag in tags],
             objects=np.array(things, np.float64).reshape(-1, 2) - middle[:2],
             senses=self._senses(tags),

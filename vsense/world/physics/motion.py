@@ -286,7 +286,7 @@ class NoisyWheels:
         Args:
             noises: that of each robot; None: its wheels obey.
             seed: of the run; the wheels draw independently of all devices.
-            robots: their models; without, they are e-pucks.
+            robots: their models, in their order; without, they are e-pucks.
         """
         self.is_quiet = not any(noises)
         models = [noise or WheelNoise() for noise in noises]
@@ -295,7 +295,7 @@ class NoisyWheels:
             _column(models, name) for name in ("relative", "factor", "factor_dev", "bias_m_s")
         )
         deviation_m_s = _column(models, "bias_dev_m_s")
-        kinds = [*robots] or [EPUCK] * len(models)
+        kinds = [*robots[: len(models)]] or [EPUCK] * len(models)
         steps_m = np.array([kind.step_m for kind in kinds]).reshape(-1, 1)
         bias = (bias_m_s + deviation_m_s * random.normal(size=shape)) / steps_m
         most = max((kind.max_steps_s for kind in kinds), default=EPUCK.max_steps_s)

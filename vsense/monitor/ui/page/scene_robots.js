@@ -59,8 +59,9 @@ export function drawRobots(scene) {
     drawn.push(robot);
     // What has not been seen for a while fades, but never quite: it is somewhere.
     if (view.flat) pen.globalAlpha = seen[row] ? 1 : Math.max(0.35, 1 - age_ns[row] / FADE_NS);
-    if (isObject) drawObject(scene, spot);
-    else drawRobot(scene, robot.tag, top, yaw_rad[row], seen[row], virtual.get(robot.tag));
+    const sized = { ...scene, body: store.radii.get(tag[row]) ?? scene.body };
+    if (isObject) drawObject(sized, spot);
+    else drawRobot(sized, robot.tag, top, yaw_rad[row], seen[row], virtual.get(robot.tag));
     pen.globalAlpha = 1;
   }
   return drawn;
