@@ -12,8 +12,7 @@
 #define COMPLAINTS_BYTES 4096
 #define STEP_E9 1000000000
 #define RUN 1                  /* the session's only one */
-#define RATE_E3 18251          /* [1e-3/EPUCK_IMU_DIGITS rad/s] of turning when a wheel makes a step
-                                  a second more than the other one, 53 mm away */
+#define AXLE_UM 53000          /* of an e-puck */
 
 struct mind {
     struct vs_session session;
@@ -28,6 +27,10 @@ struct vs_inprocess {
     uint32_t robots;
     uint32_t ended; /* a loop that has ended asks to be closed, for ever */
     volatile struct vs_inprocess_progress *progress;
+    int16_t max_steps_s; /* of their motors, 0: an e-puck's */
+    uint32_t step_nm;
+    int32_t rate_e3; /* [1e-3/EPUCK_IMU_DIGITS rad/s] of turning when a wheel makes a step a second
+                        more than the other one */
     size_t said;
     char complaints[COMPLAINTS_BYTES];
     struct mind minds[];
@@ -114,6 +117,14 @@ static void complain_of_unused(struct vs_inprocess *all, const struct vs_robot *
         say(all, " does not know the parameter", param, strcspn(param, "="), ": ignored");
 }
 
+void vs_inprocess_embody(struct vs_inprocess *all, int16_t max_steps_s, uint32_t step_nm,
+                         uint32_t axle_um)
+{
+    all->max_steps_s = max_steps_s;
+    all->step_nm = step_nm;
+    all->rate_e3 = (int32_t)(step_nm * EPUCK_IMU_DIGITS / axle_um + 0.5);
+}
+
 int vs_inprocess_init(struct vs_inprocess *all, uint32_t robots,
                       volatile struct vs_inprocess_progress *progress)
 {
@@ -129,6 +140,7 @@ int vs_inprocess_init(struct vs_inprocess *all, uint32_t robots,
     memcpy(config.controller, vs_controller.name, strlen(vs_controller.name));
     all->robots = robots;
     all->progress = progress;
+    vs_inprocess_embody(all, 0, VS_EPUCK_STEP_NM, AXLE_UM);
     progress->timestep = 0;
     progress->robot = 0;
     for (i = 0; i < robots; i++) {
@@ -217,9 +229,9 @@ static void roll(struct mind *mind, uint64_t now_ns)
 }
 
 /* [1/EPUCK_IMU_DIGITS rad/s] around its z axis, counter-clockwise; a gyroscope has its limit. */
-static int16_t turning(const struct vs_base_command *command)
+static int16_t turning(const struct vs_base_command *command, int32_t rate_e3)
 {
-    int32_t rate = (command->right_steps_s - command->left_steps_s) * RATE_E3 / 1000;
+    int32_t rate = (command->right_steps_s - command->left_steps_s) * rate_e3 / 1000;
 
     if (rate > INT16_MAX)
         return INT16_MAX;
@@ -227,9 +239,10 @@ static int16_t turning(const struct vs_base_command *command)
 }
 
 /* Its accelerometer feels gravity only, its gyroscope the wheels, and nothing makes a noise. */
-static void read_base(struct vs_base_reading *reading, const struct mind *mind, uint32_t robot,
-                      const struct vs_inprocess_timestep *now)
+static void read_base(struct vs_base_reading *reading, const struct vs_inprocess *all,
+                      uint32_t robot, const struct vs_inprocess_timestep *now)
 {
+    const struct mind *mind = &all->minds[robot];
     static const int16_t acceleration[3] = {EPUCK_ARGOS_REST_RAW, EPUCK_ARGOS_REST_RAW,
                                             EPUCK_ARGOS_REST_RAW + EPUCK_ARGOS_GRAVITY_RAW};
     static const int16_t microphones[3] = {EPUCK_ARGOS_REST_RAW, EPUCK_ARGOS_REST_RAW,
@@ -242,16 +255,18 @@ static void read_base(struct vs_base_reading *reading, const struct mind *mind, 
     memcpy(reading->prox, now->prox + 8 * robot, sizeof reading->prox);
     memcpy(reading->light, now->light + 8 * robot, sizeof reading->light);
     reading->has_rates = 1;
-    reading->rates[2] = turning(&mind->in_force);
+    reading->rates[2] = turning(&mind->in_force, all->rate_e3);
     reading->has_steps = 1;
-    reading->step_nm = VS_EPUCK_STEP_NM;
+    reading->step_nm = all->step_nm;
+    reading->max_steps_s = all->max_steps_s;
     reading->steps[0] = (int32_t)(mind->steps_e9[0] / STEP_E9);
     reading->steps[1] = (int32_t)(mind->steps_e9[1] / STEP_E9);
 }
 
 /* The guard does at once what the loop asks for, until it asks for nothing more. */
-static void act(struct mind *mind, uint32_t robot, const struct vs_inprocess_timestep *now)
+static void act(struct vs_inprocess *all, uint32_t robot, const struct vs_inprocess_timestep *now)
 {
+    struct mind *mind = &all->minds[robot];
     struct vs_instant instant = {now->now_ns, now->now_ns};
     struct vs_guard_request request;
 
@@ -265,7 +280,7 @@ static void act(struct mind *mind, uint32_t robot, const struct vs_inprocess_tim
         reply.command = mind->in_force;
         reply.sensed = request.kind != VS_GUARD_PING;
         reply.reading_ns = now->now_ns;
-        read_base(&reply.reading, mind, robot, now);
+        read_base(&reply.reading, all, robot, now);
         vs_loop_reply(&mind->loop, &reply, &instant);
     }
 }
@@ -339,7 +354,7 @@ void vs_hosted_sense(struct vs_inprocess *all, const struct vs_inprocess_timeste
 
         hear(&all->minds[i], i, now);
         roll(&all->minds[i], now->now_ns);
-        read_base(&robot->base, &all->minds[i], i, now);
+        read_base(&robot->base, all, i, now);
         robot->base_ns = robot->now_ns = robot->session_ns = now->now_ns;
     }
 }
@@ -370,7 +385,7 @@ int vs_inprocess_step(struct vs_inprocess *all, struct vs_inprocess_timestep *no
         roll(mind, now->now_ns);
         all->progress->robot = i + 1;
         vs_loop_event(&mind->loop, VS_EV_STATE, &instant);
-        act(mind, i, now);
+        act(all, i, now);
         all->progress->robot = 0;
         if (mind->loop.talk_due)
             complain_of_unused(all, &mind->loop.robot);

@@ -57,6 +57,11 @@ size_t vs_inprocess_size(uint32_t robots);
 int vs_inprocess_init(struct vs_inprocess *all, uint32_t robots,
                       volatile struct vs_inprocess_progress *progress);
 
+/* All robots are of another model than an e-puck: their motors' limit [step/s], the way of a wheel
+ * per step, and the distance of the wheels. */
+void vs_inprocess_embody(struct vs_inprocess *all, int16_t max_steps_s, uint32_t step_nm,
+                         uint32_t axle_um);
+
 /* A robot gets the host's WELCOME. Errors: those of vs_packet_open, vs_decode_welcome
  * and vs_session_offer, VS_ERR_TYPE. */
 int vs_inprocess_welcome(struct vs_inprocess *all, uint32_t robot, uint16_t tag,

@@ -3,7 +3,7 @@
 
 #include "vs_math.h"
 
-#define MARGIN_M 0.004    /* gaps up to here take part: more than two robots close in a tick */
+#define MARGIN_M 0.004    /* gaps up to here take part: more than two e-pucks close in a tick */
 #define SLACK_M 1e-9      /* more than rounding changes a gap by */
 #define TOLERANCE_M 1e-5  /* overlap, or needless gap, that a solution may leave */
 #define MAX_ITERATIONS 100

@@ -3,7 +3,6 @@
 
 #include "vs_math.h"
 
-#define REACH_M 0.11 /* farthest thing a robot can feel from its centre: ring and infrared */
 #define SKIN_M 0.02  /* extra reach of the pairs: they hold until somebody moved half of it */
 #define MOVED_M (SKIN_M / 2.0 / 1.4142135623730951) /* along one axis */
 #define NONE UINT32_MAX
@@ -75,7 +74,7 @@ static void add(struct vs_near *near, uint32_t robot, uint32_t other)
 static void add_if_near(struct vs_near *near, uint32_t robot, uint32_t b)
 {
     const double *at = near->searched_m;
-    double reach_m = REACH_M + SKIN_M + near->radii_m[b];
+    double reach_m = near->reach_m + SKIN_M + near->radii_m[b];
     double x = at[2 * b] - at[2 * robot];
     double y = at[2 * b + 1] - at[2 * robot + 1];
 
@@ -113,7 +112,7 @@ static struct grid lay(struct vs_near *near)
 
     for (b = 0; b < near->bodies; b++)
         widest_m = vs_most(widest_m, near->radii_m[b]);
-    grid.cell_m = (REACH_M + SKIN_M + widest_m) * 1.000001; /* more than rounding */
+    grid.cell_m = (near->reach_m + SKIN_M + widest_m) * 1.000001; /* more than rounding */
     for (grid.mask = 1; grid.mask < near->bodies;)
         grid.mask = 2 * grid.mask;
     grid.mask--;
@@ -187,7 +186,7 @@ static void search_boxes(struct vs_near *near, uint32_t robot)
     for (b = 0; b < near->boxes; b++) {
         const double *row = near->box_rows + VS_BOX_NUMBERS * b;
 
-        if (vs_box_gap(row, at[0], at[1], normal) < REACH_M + SKIN_M / 2.0)
+        if (vs_box_gap(row, at[0], at[1], normal) < near->reach_m + SKIN_M / 2.0)
             add(near, robot, near->bodies + b);
     }
 }

@@ -6,28 +6,25 @@
 #include "vs_contacts.h"
 #include "vs_math.h"
 
-#define STEPPER_HZ 10000 /* the motor library counts time in such ticks; epuck.md 1.6 */
-
 /* How readily a robot with blocked wheels gives way, beside 1 for one whose wheels turn.
  * Both weigh the same, so a pusher's tyres slip about as easily as those of a pushed robot
  * drag: it creeps, at a fifth of the pusher's speed. */
 #define STANDING_MOBILITY 0.25
 
-const double vs_axle_m = 0.053;
-const double vs_step_m = 0.041 * VS_PI / 1000.0;
-
-/* Speed over ground of a wheel [m/s] that was commanded to turn at steps_s: the stepper
- * makes a step every whole number of its timer's ticks. */
-static double wheel_m_s(int steps_s)
+/* Speed over ground of a wheel [m/s] that was commanded to turn at steps_s. */
+static double wheel_m_s(const struct vs_drive *drive, int steps_s)
 {
     int size = steps_s < 0 ? -steps_s : steps_s;
     double speed_m_s;
 
     if (size == 0)
         return 0.0;
-    if (size > VS_MAX_STEPS_S)
-        size = VS_MAX_STEPS_S;
-    speed_m_s = (double)STEPPER_HZ / (STEPPER_HZ / size) * vs_step_m;
+    if (size > drive->max_steps_s)
+        size = drive->max_steps_s;
+    if (drive->timer_hz > size)
+        speed_m_s = (double)drive->timer_hz / (drive->timer_hz / size) * drive->step_m;
+    else
+        speed_m_s = (double)size * drive->step_m;
     return steps_s < 0 ? -speed_m_s : speed_m_s;
 }
 
@@ -50,7 +47,8 @@ static void roll(struct vs_physics *physics, uint32_t robot, int64_t time_ns)
     const double *wheels_m_s = physics->wheels_m_s + 2 * robot;
     double duration_s = (double)(time_ns - physics->rolled_ns[robot]) * 1e-9;
     double way_m = (wheels_m_s[0] + wheels_m_s[1]) * 0.5 * duration_s;
-    double axle_m = physics->built != NULL ? physics->built[3 * robot + 2] : vs_axle_m;
+    double axle_m = physics->built != NULL ? physics->built[3 * robot + 2] :
+                    physics->drives[robot].axle_m;
     double half_turn_rad = (wheels_m_s[1] - wheels_m_s[0]) * (0.5 / axle_m) * duration_s;
     double *arc = physics->arcs + 2 * robot;
     double sine;
@@ -80,7 +78,7 @@ void vs_physics_init(struct vs_physics *physics, int64_t time_ns)
     for (b = 0; b < near->bodies; b++)
         physics->poses[3 * b + 2] = vs_wrap_angle(physics->poses[3 * b + 2]);
     for (b = 0; b < near->robots; b++) {
-        physics->mobility[b] = STANDING_MOBILITY;
+        physics->mobility[b] = physics->drives[b].mobility * STANDING_MOBILITY;
         physics->rolled_ns[b] = time_ns;
         physics->arcs[2 * b] = 0.0;
         physics->arcs[2 * b + 1] = 1.0;
@@ -90,19 +88,49 @@ void vs_physics_init(struct vs_physics *physics, int64_t time_ns)
     vs_near_update(near, physics->poses, 3);
 }
 
-static int16_t limited(int steps_s)
+static int16_t limited(int steps_s, int32_t most)
 {
-    if (steps_s > VS_MAX_STEPS_S)
-        return VS_MAX_STEPS_S;
-    return steps_s < -VS_MAX_STEPS_S ? -VS_MAX_STEPS_S : (int16_t)steps_s;
+    if (steps_s > most)
+        return (int16_t)most;
+    return steps_s < -most ? (int16_t)-most : (int16_t)steps_s;
+}
+
+/* What the wheels of a robot are to do [m/s], as it is built. */
+static void aim(const struct vs_physics *physics, uint32_t robot, double aims_m_s[2])
+{
+    uint32_t side;
+
+    for (side = 0; side < 2; side++) {
+        aims_m_s[side] =
+            wheel_m_s(&physics->drives[robot], physics->commands[2 * robot + side]);
+        if (physics->built != NULL)
+            aims_m_s[side] *= physics->built[3 * robot + side];
+    }
+}
+
+/* Brings the wheels of a robot with inertia nearer to what they are told. */
+static void speed_up(struct vs_physics *physics, uint32_t robot, double duration_s)
+{
+    double most_m_s = physics->drives[robot].most_m_s2 * duration_s;
+    double aims_m_s[2];
+    uint32_t side;
+
+    aim(physics, robot, aims_m_s);
+    for (side = 0; side < 2; side++) {
+        double *now_m_s = &physics->wheels_m_s[2 * robot + side];
+        double lacking_m_s = aims_m_s[side] - *now_m_s;
+
+        *now_m_s += vs_most(-most_m_s, vs_least(lacking_m_s, most_m_s));
+    }
 }
 
 void vs_physics_drive(struct vs_physics *physics, uint32_t robot, int left_steps_s,
                       int right_steps_s, int64_t time_ns)
 {
     int16_t *command = physics->commands + 2 * robot;
-    int16_t left = limited(left_steps_s);
-    int16_t right = limited(right_steps_s);
+    const struct vs_drive *drive = &physics->drives[robot];
+    int16_t left = limited(left_steps_s, drive->max_steps_s);
+    int16_t right = limited(right_steps_s, drive->max_steps_s);
 
     if (left == command[0] && right == command[1])
         return;
@@ -110,13 +138,10 @@ void vs_physics_drive(struct vs_physics *physics, uint32_t robot, int left_steps
         roll(physics, robot, time_ns);
     command[0] = left;
     command[1] = right;
-    physics->wheels_m_s[2 * robot] = wheel_m_s(left);
-    physics->wheels_m_s[2 * robot + 1] = wheel_m_s(right);
-    if (physics->built != NULL) {
-        physics->wheels_m_s[2 * robot] *= physics->built[3 * robot];
-        physics->wheels_m_s[2 * robot + 1] *= physics->built[3 * robot + 1];
-    }
-    physics->mobility[robot] = left != 0 || right != 0 ? 1.0 : STANDING_MOBILITY;
+    if (drive->most_m_s2 == 0.0)
+        aim(physics, robot, physics->wheels_m_s + 2 * robot);
+    physics->mobility[robot] =
+        drive->mobility * (left != 0 || right != 0 ? 1.0 : STANDING_MOBILITY);
 }
 
 void vs_physics_drive_all(struct vs_physics *physics, const int16_t *commands,
@@ -133,8 +158,11 @@ void vs_physics_tick(struct vs_physics *physics, int64_t time_ns)
 {
     uint32_t robot;
 
-    for (robot = 0; robot < physics->contacts->near->robots; robot++)
+    for (robot = 0; robot < physics->contacts->near->robots; robot++) {
+        if (physics->drives[robot].most_m_s2 > 0.0)
+            speed_up(physics, robot, (double)(time_ns - physics->tick_ns) * 1e-9);
         roll(physics, robot, time_ns);
+    }
     vs_contacts_separate(physics->contacts, physics->poses, 3);
     physics->tick_ns = time_ns;
 }

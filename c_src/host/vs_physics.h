@@ -11,10 +11,16 @@
 
 #define VS_BOX_NUMBERS 6    /* of a box: x_m, y_m, cosine, sine of its yaw, half its sizes */
 #define VS_TICK_NS 10000000 /* [ns] contacts are looked at this often */
-#define VS_MAX_STEPS_S 1000 /* [step/s] faster commands count as that; epuck.md 1.3 */
 
-extern const double vs_axle_m; /* [m] between the wheels' contact points; epuck.md 6 */
-extern const double vs_step_m; /* [m] a wheel's way per motor step: 41 mm wheels, 1000 steps */
+/* How a robot drives. */
+struct vs_drive {
+    double step_m;       /* way of a wheel per motor step */
+    double axle_m;       /* between the wheels' contact points */
+    double most_m_s2;    /* how fast a wheel's speed changes, 0: at once */
+    double mobility;     /* how readily it gives way while its wheels turn, 1 for the lightest */
+    int32_t timer_hz;    /* a motor makes a step every whole number of such ticks; 0: as told */
+    int32_t max_steps_s; /* faster commands count as that */
+};
 
 /* A robot, and what is near it: a body (other < bodies) or box other - bodies. */
 struct vs_pair {
@@ -31,6 +37,7 @@ struct vs_near {
     uint32_t robots;        /* bodies that feel and give way */
     uint32_t bodies;
     uint32_t boxes;
+    double reach_m;         /* farthest thing that any robot can touch or feel from its centre */
     const double *radii_m;  /* [bodies] */
     const double *box_rows; /* [boxes * VS_BOX_NUMBERS] */
     double *searched_m;     /* [bodies * 2] where everybody was at the last search */
@@ -73,8 +80,9 @@ struct vs_physics {
     int16_t *commands;   /* [robots * 2] newest commands [step/s] */
     int64_t *rolled_ns;  /* [robots] their poses hold for this time but for contacts */
     double *arcs;        /* [robots * 2] of the newest roll: half the turn, and chord over way */
+    const struct vs_drive *drives; /* [robots] */
     const double *built; /* [robots * 3] ways of left and right wheel over nominal, and axle [m];
-                          * NULL: all are as vs_step_m and vs_axle_m say */
+                          * NULL: all are as drives says */
     int64_t tick_ns;     /* time of the newest tick */
 };
 

@@ -98,18 +98,19 @@ static void meet_box(const struct vs_ring *ring, const double *pose, const doubl
     }
 }
 
-void vs_ring_distances(const struct vs_ring *ring, const struct vs_near *near,
-                       const double *poses, double *distances_m)
+void vs_rings_distances(const struct vs_rings *rings, const double *poses)
 {
-    uint32_t rays = ring->sensors * ring->rays;
+    const struct vs_near *near = rings->near;
+    uint32_t rays = near->robots > 0 ? VS_RING_SENSORS * rings->rings[0]->rays : 0;
     uint32_t i;
 
     for (i = 0; i < near->robots * rays; i++)
-        distances_m[i] = HUGE_VAL;
+        rings->distances_m[i] = HUGE_VAL;
     for (i = 0; i < near->count; i++) {
         const struct vs_pair *pair = &near->pairs[i];
+        const struct vs_ring *ring = rings->rings[pair->robot];
         const double *pose = poses + 3 * pair->robot;
-        double *of_robot_m = distances_m + pair->robot * rays;
+        double *of_robot_m = rings->distances_m + pair->robot * rays;
 
         if (pair->other < near->bodies)
             meet_disc(ring, pose, poses + 3 * pair->other, near->radii_m[pair->other],
@@ -155,15 +156,17 @@ void vs_ring_readings(const struct vs_ring *ring, const double *distances_m, uin
     }
 }
 
-void vs_rings_read(const struct vs_rings *rings, const double *poses, const double *noise)
+/* What one robot's sensors read, with their noise. */
+static void read_ring(const struct vs_rings *rings, uint32_t robot, const double *noise)
 {
-    uint32_t n = rings->near->robots * rings->ring->sensors;
-    double nothing = rings->ring->table_raw[rings->ring->points - 1];
+    const struct vs_ring *ring = rings->rings[robot];
+    uint32_t first = robot * VS_RING_SENSORS;
+    double nothing = ring->table_raw[ring->points - 1];
     uint32_t i;
 
-    vs_ring_distances(rings->ring, rings->near, poses, rings->distances_m);
-    vs_ring_readings(rings->ring, rings->distances_m, n, rings->clean);
-    for (i = 0; i < n; i++) {
+    vs_ring_readings(ring, rings->distances_m + first * ring->rays, ring->sensors,
+                     rings->clean + first);
+    for (i = first; i < first + ring->sensors; i++) {
         double value = rings->clean[i];
 
         if (rings->gain != NULL)
@@ -172,4 +175,13 @@ void vs_rings_read(const struct vs_rings *rings, const double *poses, const doub
         value = vs_least(vs_most(value, 0.0), VS_RING_RAW_MAX);
         rings->raw[i] = (int16_t)((value + EVEN) - EVEN);
     }
+}
+
+void vs_rings_read(const struct vs_rings *rings, const double *poses, const double *noise)
+{
+    uint32_t robot;
+
+    vs_rings_distances(rings, poses);
+    for (robot = 0; robot < rings->near->robots; robot++)
+        read_ring(rings, robot, noise);
 }

@@ -8,13 +8,14 @@
 
 #include "vs_physics.h"
 
+#define VS_RING_SENSORS 8 /* most of one robot */
 #define VS_RING_TABLE_MAX 16
 #define VS_RING_RAW_MAX 4095 /* largest value of the converter */
 
 /* A ring, in the robot's frame: x forward, y left [m]. All arrays are the caller's. */
 struct vs_ring {
-    uint32_t sensors;
-    uint32_t rays;            /* of one sensor; below, ray r of sensor s is at s * rays + r */
+    uint32_t sensors;         /* VS_RING_SENSORS at most */
+    uint32_t rays;            /* of one sensor, in all rings the same; below, ray r of sensor s is at s * rays + r */
     const double *from_x_m;   /* [sensors * rays] where each ray starts */
     const double *from_y_m;
     const double *ray_x;      /* [sensors * rays] its unit vector */
@@ -26,32 +27,33 @@ struct vs_ring {
 };
 
 /*
- * How far each ray of each robot gets [m], distances_m [robots * sensors * rays]; infinity
- * where it meets nothing. poses as in struct vs_physics; near holds for them.
- */
-void vs_ring_distances(const struct vs_ring *ring, const struct vs_near *near,
-                       const double *poses, double *distances_m);
-
-/*
  * What n sensors make of the distances along their rays [n * rays], without noise: the raw
  * value of the ray that reflects most.
  */
 void vs_ring_readings(const struct vs_ring *ring, const double *distances_m, uint32_t n,
                       double *raw);
 
-/* The rings of all robots of near: what is read where. All arrays are the caller's. */
+/* The rings of all robots of near: what is read where. All arrays are the caller's; each robot's
+ * part of them is as long as if it had VS_RING_SENSORS. */
 struct vs_rings {
-    const struct vs_ring *ring;
+    const struct vs_ring **rings; /* [robots] */
     const struct vs_near *near;
-    const double *gain;  /* [robots * sensors] what each makes of a reflection, 1: as the table
-                            says; NULL: all are 1 */
-    const double *bias;  /* [robots * sensors] added to its reading; NULL where gain is */
-    double *distances_m; /* [robots * sensors * rays] scratch */
-    double *clean;       /* [robots * sensors] scratch */
-    int16_t *raw;        /* [robots * sensors] 0..VS_RING_RAW_MAX, higher is nearer */
+    const double *gain;  /* [robots * VS_RING_SENSORS] what each makes of a reflection, 1: as the
+                            table says; NULL: all are 1 */
+    const double *bias;  /* [robots * VS_RING_SENSORS] added to its reading; NULL where gain is */
+    double *distances_m; /* [robots * VS_RING_SENSORS * rays] scratch */
+    double *clean;       /* [robots * VS_RING_SENSORS] scratch */
+    int16_t *raw;        /* [robots * VS_RING_SENSORS] 0..VS_RING_RAW_MAX, higher is nearer; 0
+                            where there is no sensor */
 };
 
-/* Reads all rings; noise [robots * sensors] is added, poses as in vs_ring_distances. */
+/*
+ * How far each ray of each robot gets [m], in rings->distances_m; infinity where it meets
+ * nothing. poses as in struct vs_physics; rings->near holds for them.
+ */
+void vs_rings_distances(const struct vs_rings *rings, const double *poses);
+
+/* Reads all rings; noise [robots * VS_RING_SENSORS] is added, poses as above. */
 void vs_rings_read(const struct vs_rings *rings, const double *poses, const double *noise);
 
 #endif

@@ -81,8 +81,9 @@ static void give_prox(const struct vs_sim *sim, const struct vs_sim_program *pro
     uint32_t i;
 
     for (i = 0; i < program->robots && sim->rings; i++)
-        memcpy(program->prox + 8 * i, sim->rings->raw + 8 * program->rows[i],
-               8 * sizeof *program->prox);
+        memcpy(program->prox + VS_RING_SENSORS * i,
+               sim->rings->raw + VS_RING_SENSORS * program->rows[i],
+               VS_RING_SENSORS * sizeof *program->prox);
 }
 
 /* Runs the controllers of a program. */
@@ -131,7 +132,7 @@ static int act(struct vs_sim *sim, int *has_news)
     vs_physics_advance(sim->physics, sim->capture_ns + sim->sense_ns);
     if (sim->rings) {
         vs_rings_read(sim->rings, sim->physics->poses, sim->noise);
-        sim->noise += (size_t)sim->rings->near->robots * sim->rings->ring->sensors;
+        sim->noise += (size_t)sim->rings->near->robots * VS_RING_SENSORS;
     }
     for (p = 0; p < sim->programs_count; p++) {
         int err = control(sim, &sim->programs[p]);

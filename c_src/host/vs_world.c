@@ -65,10 +65,11 @@ void vs_world_update(struct vs_world *world, const uint8_t *states, uint32_t cou
     }
 }
 
-/* Puts the bodies of a table's rows where they were seen last. */
+/* Puts the bodies of a table's rows, from the first of them on, where they were seen last. */
 static void place(const struct vs_crowd *crowd, const uint8_t *table, uint32_t count,
-                  struct vs_obstacle *bodies, int64_t now_ns)
+                  uint32_t first, int64_t now_ns)
 {
+    struct vs_obstacle *bodies = crowd->bodies + first;
     const struct vs_pose_fields *fields = crowd->world->fields;
     uint32_t i;
 
@@ -82,7 +83,7 @@ static void place(const struct vs_crowd *crowd, const uint8_t *table, uint32_t c
         is_known = capture_ns >= 0 && now_ns - capture_ns <= crowd->memory_ns;
         bodies[i].x_m = at_m[0];
         bodies[i].y_m = at_m[1];
-        bodies[i].z_high_m = is_known ? crowd->height_m : -1.0;
+        bodies[i].z_high_m = is_known ? crowd->heights_m[first + i] : -1.0;
     }
 }
 
@@ -91,8 +92,8 @@ int vs_crowd_stand(struct vs_crowd *crowd, int64_t now_ns)
     const struct vs_world *world = crowd->world;
     int err;
 
-    place(crowd, world->robots, world->robots_all, crowd->bodies, now_ns);
-    place(crowd, world->things, world->thing_count, crowd->bodies + world->robots_all, now_ns);
+    place(crowd, world->robots, world->robots_all, 0, now_ns);
+    place(crowd, world->things, world->thing_count, world->robots_all, now_ns);
     err = vs_obstacles_plan(crowd->obstacles);
     if (err != VS_OK)
         return err;

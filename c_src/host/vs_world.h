@@ -40,7 +40,7 @@ struct vs_crowd {
     const struct vs_world *world;
     struct vs_obstacle *bodies; /* [obstacles->count] robots, things, what stands: the caller
                                    sets everything but places and heights of the first two */
-    double height_m;            /* of robots and things */
+    const double *heights_m;    /* of robots, then of things */
     int64_t memory_ns;          /* who was not seen for longer is not there */
     struct vs_obstacles *obstacles;
     uint32_t *memory;           /* [room] */

@@ -28,8 +28,9 @@ from vsense.robots.link.table import Goal, Table
 from vsense.run.homing._homing import Homing
 from vsense.run.homing.floor import DrivingFloor
 from vsense.run.homing.robots import HomingLimits, Trouble
-from vsense.world.entities import BODY_RADIUS_M, Arena
+from vsense.world.entities import Arena
 from vsense.world.physics.motion import TICK_NS, Physics
+from vsense.world.robot_models import EPUCK
 
 ARENA_M = (3.0, 2.4)
 ROBOTS = 15
@@ -50,7 +51,7 @@ _TIMESTEP_NS = 100_000_000
 _ARRIVES_NS, _AGAIN_NS = 60_000_000, 110_000_000
 """From the capture to the robot, and with the repetition where the first packet was lost."""
 _LIMIT_S = 120.0
-_CONTACT_M = 2.0 * BODY_RADIUS_M + 0.0005
+_CONTACT_M = 2.0 * EPUCK.radius_m + 0.0005
 
 Say = Callable[[str], None]
 Floats = NDArray[np.float64]
@@ -142,9 +143,9 @@ class HomingField:
         poses: list[tuple[float, float, float]] = []
         while len(poses) < self.count:
             x, y, yaw = self.random.uniform(-1.0, 1.0, 3)
-            x *= ARENA_M[0] / 2.0 - BODY_RADIUS_M - GAP_M
-            y *= ARENA_M[1] / 2.0 - BODY_RADIUS_M - GAP_M
-            apart_m = 2.0 * BODY_RADIUS_M + GAP_M
+            x *= ARENA_M[0] / 2.0 - EPUCK.radius_m - GAP_M
+            y *= ARENA_M[1] / 2.0 - EPUCK.radius_m - GAP_M
+            apart_m = 2.0 * EPUCK.radius_m + GAP_M
             if all(math.hypot(x - a, y - b) > apart_m for a, b, _ in poses):
                 poses.append((x, y, yaw * math.pi))
         return np.array(poses)

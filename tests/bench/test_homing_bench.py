@@ -12,10 +12,10 @@ import pytest
 from tests.bench.homing import ContactTimes, HomingRow, report_of, row_of, table
 from tests.conftest import require_own_network
 from tests.rigs.places import ROOT
-from vsense.world.entities import BODY_RADIUS_M
 from vsense.world.physics.motion import TICK_NS
+from vsense.world.robot_models import EPUCK
 
-APART, TOUCHING = 2.0 * BODY_RADIUS_M + 0.002, 2.0 * BODY_RADIUS_M
+APART, TOUCHING = 2.0 * EPUCK.radius_m + 0.002, 2.0 * EPUCK.radius_m
 TICK_S = TICK_NS / 1e9
 
 

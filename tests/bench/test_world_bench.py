@@ -10,7 +10,7 @@ import pytest
 from tests.bench import main, world
 from tests.conftest import require_tool
 from tests.rigs.lines import in_sight
-from vsense.world.sensors.geometry import RING_HEIGHT_M, RING_RADIUS_M
+from vsense.world.robot_models import EPUCK
 
 
 def test_a_step_senses_all_lights_anew() -> None:
@@ -31,10 +31,10 @@ def by_hand(swarm: world.SensingSwarm) -> np.ndarray:  # type: ignore[type-arg]
     for n, robot in enumerate(robots):
         for k in range(world.SENSORS):
             angle = robot["yaw_rad"] + 2 * np.pi * k / world.SENSORS
-            place = [robot["x_m"], robot["y_m"]] + RING_RADIUS_M * np.array(
+            place = [robot["x_m"], robot["y_m"]] + EPUCK.infrared.radius_m * np.array(
                 [np.cos(angle), np.sin(angle)]
             )
-            start = np.array([*place, RING_HEIGHT_M])
+            start = np.array([*place, EPUCK.infrared.height_m])
             for light in lights:
                 way = np.array(light.position_m) - start
                 if not meets(start, way, robots):

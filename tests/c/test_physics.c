@@ -16,6 +16,7 @@
 
 #define RADIUS_M 0.035
 #define RAYS 3
+#define EPUCK {0.041 * VS_PI / 1000.0, 0.053, 0.0, 1.0, 10000, 1000}
 
 struct floor {
     struct vs_near near;
@@ -23,6 +24,7 @@ struct floor {
     struct vs_physics physics;
     double *radii_m;
     double *box_rows;
+    struct vs_drive *drives;
 };
 
 static void *room(size_t count, size_t size)
@@ -36,6 +38,7 @@ static void *room(size_t count, size_t size)
 static void build(struct floor *f, uint32_t robots, uint32_t bodies, uint32_t boxes)
 {
     uint32_t pairs = robots * (bodies + boxes);
+    uint32_t i;
 
     memset(f, 0, sizeof *f);
     f->near.robots = robots;
@@ -60,6 +63,13 @@ static void build(struct floor *f, uint32_t robots, uint32_t bodies, uint32_t bo
     f->physics.commands = room(robots, 2 * sizeof(int16_t));
     f->physics.rolled_ns = room(robots, sizeof(int64_t));
     f->physics.arcs = room(robots, 2 * sizeof(double));
+    f->physics.drives = f->drives = room(robots, sizeof *f->drives);
+    f->near.reach_m = 0.11;
+    for (i = 0; i < robots; i++) {
+        static const struct vs_drive drives[2] = {EPUCK, {1e-3, 0.09, 1.0, 0.1, 0, 300}};
+
+        f->drives[i] = drives[i % 2];
+    }
 }
 
 static void tear_down(struct floor *f)
@@ -80,6 +90,7 @@ static void tear_down(struct floor *f)
     free(f->physics.commands);
     free(f->physics.rolled_ns);
     free(f->physics.arcs);
+    free(f->drives);
 }
 
 static double draw_between(uint32_t *random, double low, double high)
@@ -120,12 +131,16 @@ static void check_ring(struct floor *f)
     static const double table_m[3] = {0.0, 0.01, 0.07};
     static const double table_raw[3] = {4095.0, 1000.0, 60.0};
     struct vs_ring ring = {2, RAYS, from, side, x, y, response, 3, table_m, table_raw};
-    uint32_t sensors = 2 * f->near.robots;
+    const struct vs_ring **each = room(f->near.robots, sizeof *each);
+    uint32_t sensors = VS_RING_SENSORS * f->near.robots;
     double *distances_m = room(sensors * RAYS, sizeof(double));
+    struct vs_rings rings = {each, &f->near, NULL, NULL, distances_m, NULL, NULL};
     double *raw = room(sensors, sizeof(double));
     uint32_t s;
 
-    vs_ring_distances(&ring, &f->near, f->physics.poses, distances_m);
+    for (s = 0; s < f->near.robots; s++)
+        each[s] = &ring;
+    vs_rings_distances(&rings, f->physics.poses);
     vs_ring_readings(&ring, distances_m, sensors, raw);
     for (s = 0; s < sensors; s++)
         CHECK(raw[s] >= 60.0 && raw[s] <= 4095.0);
@@ -133,6 +148,7 @@ static void check_ring(struct floor *f)
         CHECK(distances_m[s] >= 0.0);
     free(distances_m);
     free(raw);
+    free(each);
 }
 
 static void check_poses(const struct floor *f)

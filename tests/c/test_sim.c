@@ -44,6 +44,8 @@ struct run {
     struct vs_world world;
     struct vs_ring ring;
     struct vs_rings rings;
+    const struct vs_ring *each[ROBOTS];
+    struct vs_drive drives[ROBOTS];
     double zeros[8], ones[8], table_m[2], table_raw[2];
     double distances_m[8 * ROBOTS], clean[8 * ROBOTS];
     double errors[STEPS * 3 * ROBOTS], noise[STEPS * 8 * ROBOTS];
@@ -113,7 +115,12 @@ static void set_floor(struct run *r)
     r->physics.commands = r->commands;
     r->physics.rolled_ns = r->rolled_ns;
     r->physics.arcs = r->arcs;
+    r->physics.drives = r->drives;
+    r->near.reach_m = 0.11;
     for (i = 0; i < ROBOTS; i++) {
+        static const struct vs_drive epuck = {1.288e-4, 0.053, 0.0, 1.0, 10000, 1000};
+
+        r->drives[i] = epuck;
         r->radii_m[i] = 0.035;
         r->poses[3 * i + 1] = i;
     }
@@ -122,6 +129,8 @@ static void set_floor(struct run *r)
 
 static void set_rings(struct run *r)
 {
+    uint32_t i;
+
     r->ring.sensors = 8;
     r->ring.rays = 1;
     r->ring.from_x_m = r->ring.from_y_m = r->ring.ray_y = r->zeros;
@@ -132,7 +141,9 @@ static void set_rings(struct run *r)
     r->ring.points = 2;
     r->ring.table_m = r->table_m;
     r->ring.table_raw = r->table_raw;
-    r->rings.ring = &r->ring;
+    for (i = 0; i < ROBOTS; i++)
+        r->each[i] = &r->ring;
+    r->rings.rings = r->each;
     r->rings.near = &r->near;
     r->rings.distances_m = r->distances_m;
     r->rings.clean = r->clean;

@@ -14,8 +14,8 @@ from vsense.config.experiment import read
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment, Stage
 from vsense.run.environment import physics_of
-from vsense.world.entities import BODY_RADIUS_M
 from vsense.world.loop_functions import LoopFunctionsError
+from vsense.world.robot_models import EPUCK
 
 PLAIN = """<?xml version="1.0" ?>
 <argos-configuration>
@@ -153,7 +153,7 @@ def test_boxes_and_cylinders_of_such_a_file_are_solid(folder: Path, stage: Stage
     physics = physics_of(settle(experiment, 1), 1)
     physics.drive(0, 500, 500, 1)
     physics.advance(20_000_000_000)
-    assert physics.poses[0, 1] == pytest.approx(0.3 - 0.01 - BODY_RADIUS_M, abs=1e-3)
+    assert physics.poses[0, 1] == pytest.approx(0.3 - 0.01 - EPUCK.radius_m, abs=1e-3)
 
 
 def test_where_robots_are_real_only_walls_are_solid(folder: Path) -> None:
@@ -196,10 +196,10 @@ def test_robots_that_are_parked_on_one_place_are_placed_anew(folder: Path, stage
     assert places[0] == (0.0, 0.0)
     for number, place in enumerate(places):
         # Between the two walls, like the place in the file, and beside the post.
-        assert abs(place[1]) < 0.29 - BODY_RADIUS_M
-        assert math.dist(place, (0.4, 0.0)) > 0.05 + BODY_RADIUS_M
+        assert abs(place[1]) < 0.29 - EPUCK.radius_m
+        assert math.dist(place, (0.4, 0.0)) > 0.05 + EPUCK.radius_m
         for other in places[:number]:
-            assert math.dist(place, other) > 2.0 * BODY_RADIUS_M
+            assert math.dist(place, other) > 2.0 * EPUCK.radius_m
     assert len({pose.yaw_rad for pose in poses if pose is not None}) == 12
 
 

@@ -18,7 +18,8 @@ from vsense.config.placement import settle
 from vsense.config.specs import ControllerSpec, Experiment, Stage
 from vsense.modes.lab import _physics_process, _physics_spec
 from vsense.world.entities import Box, Led
-from vsense.world.physics.motion import STEP_M, NoisyWheels
+from vsense.world.physics.motion import NoisyWheels
+from vsense.world.robot_models import EPUCK
 from vsense.world.sensors.omnidirectional_camera import OmnidirectionalCamera
 from vsense.world.sensors.range_and_bearing import RangeAndBearingSensor
 
@@ -202,5 +203,5 @@ def test_wheels_come_out_as_in_argos(loaded: Read) -> None:
     many = NoisyWheels([other.wheel_noise] * 2000, 1)
     # N(1, 0.1) (v + N(0, 1 mm/s)): argos3 421bd76, differential_steering_default_actuator.cpp
     speeds = many.apply(np.full((2000, 2), 400, dtype=np.int16)).astype(np.float64)
-    assert speeds.std() == pytest.approx(math.hypot(40.0, 0.001 / STEP_M), rel=0.05)
+    assert speeds.std() == pytest.approx(math.hypot(40.0, 0.001 / EPUCK.step_m), rel=0.05)
     assert (many.apply(np.zeros((2000, 2), dtype=np.int16)) == 0).all()

@@ -15,7 +15,8 @@ from vsense.base.errors import ConfigError
 from vsense.config.experiment import load
 from vsense.config.placement import MIN_GAP_M, Footprint, of_entity, of_robot, settle
 from vsense.config.specs import Experiment, Pose
-from vsense.world.entities import BODY_RADIUS_M, Box, Cylinder, Entity, Light
+from vsense.world.entities import Box, Cylinder, Entity, Light
+from vsense.world.robot_models import EPUCK
 
 Read = Callable[..., Experiment]
 
@@ -46,10 +47,10 @@ def test_the_same_seed_gives_the_same_poses_and_no_two_bodies_overlap(
     assert poses == place(pollutant, seed)
     assert sorted(poses) == sorted(b.tag for b in (*pollutant.robots, *pollutant.objects))
     for a, b in itertools.combinations(poses.values(), 2):
-        assert math.hypot(a.x_m - b.x_m, a.y_m - b.y_m) >= 2 * BODY_RADIUS_M + MIN_GAP_M
+        assert math.hypot(a.x_m - b.x_m, a.y_m - b.y_m) >= 2 * EPUCK.radius_m + MIN_GAP_M
     for pose in poses.values():
-        assert abs(pose.x_m) <= 1.48 - BODY_RADIUS_M - MIN_GAP_M + 1e-12
-        assert abs(pose.y_m) <= 1.18 - BODY_RADIUS_M - MIN_GAP_M + 1e-12
+        assert abs(pose.x_m) <= 1.48 - EPUCK.radius_m - MIN_GAP_M + 1e-12
+        assert abs(pose.y_m) <= 1.18 - EPUCK.radius_m - MIN_GAP_M + 1e-12
         assert -math.pi < pose.yaw_rad <= math.pi
 
 
@@ -71,7 +72,7 @@ def test_placed_poses_are_kept_and_distributed_ones_keep_away(
     for robot in experiment.robots[1:]:
         for box in experiment.boxes:
             apart_m = footprint(box).distance_to_point_m(*poses[robot.tag][:2])
-            assert apart_m >= BODY_RADIUS_M + MIN_GAP_M
+            assert apart_m >= EPUCK.radius_m + MIN_GAP_M
 
 
 def test_bodies_that_the_file_places_into_each_other_are_refused(
@@ -144,7 +145,7 @@ def test_two_boxes_are_apart_where_no_point_of_one_is_near_the_other(
 def test_discs_and_heights() -> None:
     robot = of_robot("r", Pose(0.0, 0.0, 0.0))
     pillar = footprint(Cylinder("c", (0.3, 0.0, 0.0), 0.1, 0.2))
-    assert robot.distance_m(pillar) == pytest.approx(0.3 - 0.1 - BODY_RADIUS_M)
+    assert robot.distance_m(pillar) == pytest.approx(0.3 - 0.1 - EPUCK.radius_m)
     beam = footprint(Box("b", (0.0, 0.0, 0.5), (1.0, 0.1, 0.1)))
     assert robot.distance_m(beam) == math.inf  # it hangs above
     assert of_entity(Light("l", (0.0, 0.0, 0.0))) is None

@@ -10,7 +10,7 @@ import pytest
 from scripts.site.contents import ROOT
 from vsense.vision.markers.families import load_family
 from vsense.vision.tracking.marker_detector import cell_width
-from vsense.world.physics.motion import MAX_SPEED_STEPS_S, STEP_M
+from vsense.world.robot_models import EPUCK
 
 DAY = (ROOT / "vsense" / "modes" / "live" / "LAB.md").read_text()
 COLUMNS = ("arrow4x4", "apriltag_36h11", "aruco_4x4_50")
@@ -45,7 +45,7 @@ def test_heights_above_the_floor() -> None:
 
 
 def test_blur_at_full_speed() -> None:
-    speed_mm_s = 1000 * MAX_SPEED_STEPS_S * STEP_M
+    speed_mm_s = 1000 * EPUCK.max_steps_s * EPUCK.step_m
     assert round(speed_mm_s / 1000, 3) == 0.129
     assert [round(speed_mm_s * s, 1) for s in (0.01, 0.02)] == [1.3, 2.6]
     assert load_family("arrow4x4").cell_mm / 2 == 2.65

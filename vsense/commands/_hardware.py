@@ -109,7 +109,8 @@ def robots_of(options: argparse.Namespace, experiment: Experiment) -> LabRobots:
     if unknown := (set(dead) | worn.keys()) - set(tags):
         there = ", ".join(map(str, tags))
         raise UsageError(f"no robot has tag {min(unknown)}; expected some of {there}")
-    drawn = draw_all([*tags, *spares_for(experiment)], errors_of(options), dead)
+    everybody = [*tags, *spares_for(experiment)]
+    drawn = draw_all(everybody, errors_of(options), dead, experiment.models)
     radios = radios_of(options, experiment) if "radio" in options else {}
     roster = _rosters.roster_of(options, here=False)
     if roster is None:

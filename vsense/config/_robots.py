@@ -13,7 +13,8 @@ from vsense.config import argos
 from vsense.config._distribute import OBJECT_ELEMENT, DistributedCrowd, DistributedSpec
 from vsense.config._things import Media, read_place
 from vsense.config.specs import FieldSpec, FloorSpec, ObjectSpec, Pose, RobotSpec, Stage
-from vsense.world.entities import VIRTUAL_TAG_MIN, Arena, Entity, VirtualRobot
+from vsense.world.entities import VIRTUAL_TAG_MIN, Arena, Entity, VirtualRobot, WorldError
+from vsense.world.robot_models import EPUCK, RobotModel, model_of
 from vsense.world.sensors.base import RobotSettings
 from vsense.world.world import MESSAGE_MAX
 
@@ -117,7 +118,25 @@ def add_epuck(element: Element, bodies: ArenaContents) -> None:
     pose = _read_pose(element, bodies)
     number = len(bodies.robots) if number is None else number
     config = _name_controller(element, controller, name, bodies)
-    bodies.robots.append(RobotSpec(name, tag, number, pose, None, config, element.line))
+    model = _read_model(element, bodies)
+    bodies.robots.append(RobotSpec(name, tag, number, pose, None, config, element.line, model))
+
+
+def _read_model(element: Element, bodies: ArenaContents) -> RobotModel:
+    """Reads which kind of robot it is, or how large an object is."""
+    try:
+        return model_of(element.text("vs:model", EPUCK.name), bodies.folder)
+    except WorldError as error:
+        raise element.error(str(error), "vs:model") from None
+
+
+def check_models(controller: Element, bodies: ArenaContents) -> None:
+    """Refuses a controller for robots of several models: their sensors differ."""
+    name = controller.text("id")
+    models = {robot.model.name for robot in bodies.robots if robot.controller == name}
+    if len(models) > 1:
+        words = f"drives robots of the models {' and '.join(sorted(models))}"
+        raise controller.error(f"{words}: each needs a controller of its own")
 
 
 def _pass_over(element: Element) -> None:
@@ -147,7 +166,8 @@ def _read_settings(element: Element) -> RobotSettings:
 def add_object(element: Element, bodies: ArenaContents) -> str:
     """Reads a thing with a marker on it that is no robot; gives its id."""
     name, tag, _ = _read_identity(element, bodies)
-    bodies.objects.append(ObjectSpec(name, tag, _read_pose(element, bodies), None, element.line))
+    pose, model = _read_pose(element, bodies), _read_model(element, bodies)
+    bodies.objects.append(ObjectSpec(name, tag, pose, None, element.line, model))
     return name
 
 
@@ -166,6 +186,7 @@ def add_crowd(crowd: DistributedCrowd, bodies: ArenaContents) -> None:
             _add_virtual_crowd(crowd, prefix, bodies)
             return
     controller = element.child("controller") if is_robot else None
+    model = _read_model(element, bodies)
     untagged: list[str] = []
     for number, tag in zip(crowd.numbers, _read_tags(crowd, bodies), strict=True):
         name = f"{prefix}{number}" if tag == _NO_TAG else f"{prefix}_{tag}_{number}"
@@ -173,11 +194,11 @@ def add_crowd(crowd: DistributedCrowd, bodies: ArenaContents) -> None:
         untagged += [name] if tag == _NO_TAG else []
         line, drawn = element.line, crowd.distribution
         if controller is None:
-            bodies.objects.append(ObjectSpec(name, tag, None, drawn, line))
+            bodies.objects.append(ObjectSpec(name, tag, None, drawn, line, model))
             continue
         _check_name(element, name)
         config = _name_controller(element, controller, name, bodies)
-        bodies.robots.append(RobotSpec(name, tag, number, None, drawn, config, line))
+        bodies.robots.append(RobotSpec(name, tag, number, None, drawn, config, line, model))
     if untagged:
         bodies.untagged.append((crowd.entity, untagged))
     if controller is not None:

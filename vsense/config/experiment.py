@@ -16,7 +16,7 @@ from vsense.base.xml.parsing import parse
 from vsense.config import _programs, argos, policies
 from vsense.config._framework import collect, read_loop_functions, read_rest, read_run, read_tracker
 from vsense.config._population import cast, populate
-from vsense.config._robots import ArenaContents
+from vsense.config._robots import ArenaContents, check_models
 from vsense.config._settings import apply, check_used
 from vsense.config._things import Media, by_id, read_media
 from vsense.config.arena import read_arena
@@ -37,6 +37,7 @@ from vsense.config.specs import (
 )
 from vsense.robots.sources import PROGRAM_SUFFIXES, CodeOptions, ProgramSources
 from vsense.vision.markers.families import known_families, load_family
+from vsense.world.robot_models import EPUCK
 from vsense.world.sensors.base import RobotSettings, Scope
 
 
@@ -292,6 +293,7 @@ def _settings(controller: Element, bodies: ArenaContents) -> RobotSettings:
     robots = [robot for robot, config in users.items() if config == name]
     settings = [bodies.settings[robot] for robot in robots]
     sensors = [e.name for section in controller.below("sensors") for e in section.below()]
+    check_models(controller, bodies)
     if any(other != settings[0] for other in settings) and not USING_SETTINGS.isdisjoint(sensors):
         controller.warn(
             f"drives robots with several settings of devices: those of {robots[0]!r} count"
@@ -357,14 +359,14 @@ def _read_marker(root: Element) -> MarkerSpec:
     element = rig.optional_child("vs:marker") if rig is not None else None
     element = element if element is not None else Element(root.document, "vs:marker", root.line, {})
     family = element.choice("family", known_families(), "arrow4x4")
-    return MarkerSpec(family, element.number("height", 0.0, 1.0, "m", 0.06), element.line)
+    height_m = element.number("height", 0.0, 1.0, "m", EPUCK.marker_height_m)
+    return MarkerSpec(family, height_m, element.line, element.has("height"))
 
 
 def _check_tags(bodies: ArenaContents, marker: MarkerSpec, file: str) -> None:
     tags = load_family(marker.family).tags
     tagged: list[RobotSpec | ObjectSpec] = [*bodies.robots, *bodies.objects]
     for body in tagged:
-        # One that was handed out may lie beyond them in a simulation.
         if body.tag >= tags and body.tag in bodies.lines_of_tags:
             range_text = f"the marker family {marker.family!r} has tags 0 to {tags - 1}"
             raise ConfigError(file, body.line, f"{body.id!r}: {range_text}")

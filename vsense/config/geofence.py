@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from vsense.base.xml.element import MAX_SHOWN, Element
 from vsense.config._things import MAX_SIZE_M
 from vsense.world.entities import Arena
-from vsense.world.physics.motion import MAX_SPEED_STEPS_S, STEP_M
+from vsense.world.robot_models import EPUCK
 
 Floats = NDArray[np.float64]
 Corner = tuple[float, float]
 
-MAX_SPEED_M_S = MAX_SPEED_STEPS_S * STEP_M
+MAX_SPEED_M_S = EPUCK.max_steps_s * EPUCK.step_m
 """What the motors of every robot can do."""
 _MIN_SPEED_M_S = 0.01
 """A robot on its way home that is slower counts as stuck."""

@@ -21,18 +21,8 @@ from vsense.base.arena import wrap_angle
 from vsense.base.errors import UsageError
 from vsense.config._distribute import DistributedSpec, Distribution
 from vsense.config.specs import Experiment, ObjectSpec, Pose, RobotSpec, Stage
-from vsense.world.entities import (
-    BODY_HEIGHT_M,
-    BODY_RADIUS_M,
-    Arena,
-    Box,
-    Cylinder,
-    Entity,
-    Light,
-    Vector,
-    VirtualRobot,
-    moved,
-)
+from vsense.world.entities import Arena, Box, Cylinder, Entity, Light, Vector, VirtualRobot, moved
+from vsense.world.robot_models import EPUCK, RobotModel
 
 Point = tuple[float, float]
 
@@ -131,9 +121,9 @@ class Footprint:
         return max(gaps)
 
 
-def of_robot(what: str, pose: Pose) -> Footprint:
-    """Gives the footprint of an e-puck or a tagged object."""
-    return Footprint(what, pose.x_m, pose.y_m, 0.0, BODY_HEIGHT_M, BODY_RADIUS_M)
+def of_robot(what: str, pose: Pose, model: RobotModel = EPUCK) -> Footprint:
+    """Gives the footprint of a robot or a tagged object."""
+    return Footprint(what, pose.x_m, pose.y_m, 0.0, model.height_m, model.radius_m)
 
 
 def of_entity(entity: Entity) -> Footprint | None:
@@ -233,7 +223,7 @@ class _Standing:
         bodies += self._experiment.robots
         for body in bodies:
             if body.pose is not None:
-                footprint = of_robot(f"the body with tag {body.tag}", body.pose)
+                footprint = of_robot(f"the body with tag {body.tag}", body.pose, body.model)
                 in_the_way = self._obstacle(footprint, -_TOUCH_M)
                 if in_the_way:
                     self._displace(body, in_the_way)
@@ -282,10 +272,10 @@ class _Placement(_Standing):
         poses = (other.pose for other in self._experiment.robots if other is not robot)
         if any(p and math.hypot(p.x_m - start[0], p.y_m - start[1]) < _PARKED_M for p in poses):
             yaw_rad = self._draws.uniform(-math.pi, math.pi)
-        body = of_robot("", pose)
+        body, radius_m = of_robot("", pose, robot.model), robot.model.radius_m
         # A wall that the place itself lies in is in nobody's way, nor is one overhead.
-        walls = [w for w in self._solid if -BODY_RADIUS_M < body.distance_m(w) < math.inf]
-        reach_m = BODY_RADIUS_M * math.sqrt(_ROOM_EACH * (len(self.displaced) + 1))
+        walls = [w for w in self._solid if -radius_m < body.distance_m(w) < math.inf]
+        reach_m = radius_m * math.sqrt(_ROOM_EACH * (len(self.displaced) + 1))
         for _ in range(_MOST_TRIALS):
             away_m, towards = reach_m * math.sqrt(self._draws.random()), self._draws.random()
             x_m = start[0] + away_m * math.cos(2.0 * math.pi * towards)
@@ -331,7 +321,7 @@ class _Placement(_Standing):
             keep = partial(self.entities.append, entity)
         else:
             pose = Pose(position_m[0], position_m[1], yaw_rad)
-            footprint = of_robot(f"the body with tag {spec.tag}", pose)
+            footprint = of_robot(f"the body with tag {spec.tag}", pose, spec.model)
             keep = partial(self.poses.__setitem__, spec.tag, pose)
         obstacle = "" if footprint is None else self._obstacle(footprint, MIN_GAP_M)
         if not obstacle:

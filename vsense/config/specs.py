@@ -11,10 +11,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
-from typing import NamedTuple
 
 from vsense.base.errors import ConfigError
-from vsense.config._distribute import DistributedSpec, Distribution
+from vsense.config._bodies import ObjectSpec as ObjectSpec
+from vsense.config._bodies import Pose as Pose
+from vsense.config._bodies import RobotSpec as RobotSpec
+from vsense.config._distribute import DistributedSpec
 from vsense.config.casting import Casting
 from vsense.config.geofence import Geofence, arena_fence
 from vsense.config.roster_fields import MarkerOffset
@@ -23,6 +25,7 @@ from vsense.world.actuators.base import MountedActuator
 from vsense.world.entities import Arena, Box, Cylinder, Entity, VirtualRobot
 from vsense.world.physics.motion import WheelNoise
 from vsense.world.pollution import PollutantSource
+from vsense.world.robot_models import EPUCK, RobotModel
 from vsense.world.sensors.base import MountedSensor
 
 ROBOT_ID, SPEED_LIMIT = "vs:id", "vs:v_max"
@@ -38,47 +41,6 @@ class Stage(Enum):
     """Cameras, robots and their daemons in real time; only light and wheels are simulated."""
     SIM = "sim"
     """Everything is simulated, on a virtual clock."""
-
-
-class Pose(NamedTuple):
-    """Where a body stands: middle of its base, and its heading."""
-
-    x_m: float
-    y_m: float
-    yaw_rad: float
-
-
-@dataclass(frozen=True, slots=True)
-class RobotSpec:
-    """A robot of the experiment, with `tag` on its marker.
-
-    Attributes:
-        id: NAME_TAG_ROBOT, or any name where `vs:tag` gives the tag.
-        number: the last part of its id (the original's last octet of the robot's address), else
-            its place in the file.
-        pose: start pose, or None where it is distributed.
-        distribution: how its start pose is drawn, or None.
-        controller: id of the controller that drives it.
-    """
-
-    id: str
-    tag: int
-    number: int
-    pose: Pose | None
-    distribution: Distribution | None
-    controller: str
-    line: int
-
-
-@dataclass(frozen=True, slots=True)
-class ObjectSpec:
-    """A thing with a marker on it that is no robot, such as the polluter; see `RobotSpec`."""
-
-    id: str
-    tag: int
-    pose: Pose | None
-    distribution: Distribution | None
-    line: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,12 +115,13 @@ class ControllerSpec:
 class MarkerSpec:
     """The markers on robots and objects: their family, and their height above the floor.
 
-    `line` is the root's where the element is absent.
+    `line` is the root's where the element is absent; `is_said`: the file says the height, of all.
     """
 
     family: str
     height_m: float
     line: int
+    is_said: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -325,6 +288,28 @@ class Experiment:
         """Of all that wears a marker, by id."""
         robots = {robot.id: robot.tag for robot in self.robots}
         return robots | {thing.id: thing.tag for thing in self.objects}
+
+    @property
+    def bodies(self) -> tuple[RobotSpec | ObjectSpec, ...]:
+        """All that wears a marker: robots, then objects."""
+        return (*self.robots, *self.objects)
+
+    @property
+    def models(self) -> dict[int, RobotModel]:
+        """Of all that wears a marker, by tag."""
+        return {body.tag: body.model for body in self.bodies}
+
+    @property
+    def tallest_m(self) -> float:
+        """What hangs higher stands in nobody's way."""
+        return max([EPUCK.height_m, *(body.model.height_m for body in self.bodies)])
+
+    def marker_height_m(self, tag: int) -> float:
+        """How high a body's marker is; that of a spare is an e-puck's."""
+        model = self.models.get(tag, EPUCK)
+        if self.marker.is_said or model == EPUCK:
+            return self.marker.height_m
+        return model.marker_height_m
 
     @property
     def boxes(self) -> tuple[Box, ...]:

@@ -13,9 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vsense.robots.python_swarm import RGB, Floats, Rows, Swarm
+from vsense.world.robot_models import EPUCK
 
 RAW_MAX = 4096.0
-_OWN_RAW = (120.0, 158.0, 235.0, 384.0, 601.0, 1466.0, 2133.0, 4095.0)
+_OWN_RAW = EPUCK.ring.table_raw[7::-1]
 _OWN_VALUE = (0.0, 0.0842, 0.2441, 0.4637, 0.5959, 0.7430, 0.9051, 1.0)
 """What ARGoS reads where the e-puck's own ring reads raw. Source: robot/argos/rings.cpp."""
 _TWO_RADII_CM, _STEPS_PER_CM, _MOST_STEPS_S = 7.0, 77.64, 3e4

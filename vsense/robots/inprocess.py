@@ -26,6 +26,7 @@ from vsense.robots import build
 from vsense.robots.link.status import LogLines
 from vsense.robots.link.table import Direction, Table, robot_seed
 from vsense.robots.link.wire import Header, PacketType, ShownData, Wanted, Welcome, encode, shown_of
+from vsense.world.robot_models import RobotModel
 
 PROGRESS_BYTES = 8
 """`struct vs_inprocess_progress`: timestep and robot, two u32."""
@@ -174,6 +175,11 @@ class CompiledProgram:
         """The controller's name, as it calls itself."""
         name: bytes = ffi.string(self._lib.vs_inprocess_controller())
         return name.decode(errors="replace")
+
+    def embody(self, model: RobotModel) -> None:
+        """Its robots are of a model that is no e-puck."""
+        lengths = round(1e9 * model.step_m), round(1e6 * model.axle_m)
+        self._lib.vs_inprocess_embody(self._all, model.max_steps_s, *lengths)
 
     def begin(self) -> None:
         """Every controller begins its run now, and not with its first control step.

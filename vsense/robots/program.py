@@ -22,6 +22,7 @@ from vsense.robots.inprocess import CompiledProgram, ProgramKernel
 from vsense.robots.link.table import Table
 from vsense.robots.link.wire import ShownData, Wanted
 from vsense.robots.sources import CXX_SUFFIXES, LUA, POLICY, PYTHON, ProgramSources
+from vsense.world.robot_models import RobotModel
 
 
 class Program(Protocol):
@@ -42,6 +43,9 @@ class Program(Protocol):
     @property
     def leds(self) -> NDArray[np.uint16]:
         """(n,) bits 0-7 ring, 8 body, 9 front."""
+
+    def embody(self, model: RobotModel) -> None:
+        """Its robots are of a model that is no e-puck."""
 
     def begin(self) -> None:
         """Every controller begins now; see `CompiledProgram.begin`."""

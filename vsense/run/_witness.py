@@ -11,12 +11,12 @@ from vsense.robots.link.status import RobotStatus
 from vsense.robots.link.wire import StopCause
 from vsense.run._standing import MOST_STEP_NS
 from vsense.run.verdict import RobotRecord
-from vsense.world.entities import BODY_RADIUS_M
+from vsense.world.robot_models import EPUCK
 
 FASTEST_M_S = 0.16
 """An e-puck's wheels turn at 1000 steps/s at most, 0.129 m/s; a quarter more is left to errors."""
 
-PUSHED_M = 2.0 * BODY_RADIUS_M + 0.015
+PUSHED_M = 2.0 * EPUCK.radius_m + 0.015
 """Who stands with another one so near may have been pushed by it."""
 
 STOPPED_NS = 500_000_000

@@ -340,6 +340,7 @@ def _world(experiment: Experiment, seed: int, loop: Hooks | None) -> World:
         seed=seed,
         controllers={robot.tag: robot.controller for robot in experiment.robots}
         | {robot.tag: robot.controller for robot in experiment.virtual_robots},
+        models=experiment.models,
     )
 
 
@@ -349,5 +350,6 @@ def physics_of(experiment: Experiment, time_ns: int) -> Physics:
         np.array([body.pose for body in bodies], dtype=np.float64).reshape(-1, 3)
         for bodies in (experiment.robots, experiment.objects)
     )
-    boxes, cylinders = obstacles(experiment.boxes, experiment.cylinders)
-    return Physics(robots, objects, boxes, time_ns, cylinders)
+    models = [body.model for body in experiment.bodies]
+    boxes, cylinders = obstacles(experiment.boxes, experiment.cylinders, experiment.tallest_m)
+    return Physics(robots, objects, boxes, time_ns, cylinders, models=models)

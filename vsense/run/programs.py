@@ -19,6 +19,7 @@ from vsense.robots.inprocess import ControllerFailure, SimError
 from vsense.robots.link.table import Table, ToldProgram
 from vsense.robots.link.wire import ShownData, Wanted
 from vsense.robots.program import Program, ProgramOpener, kind_of
+from vsense.world.robot_models import EPUCK
 
 RUN_PROGRESS_BYTES = inprocess.PROGRESS_BYTES + 4
 """Those of `Program`, and which of the experiment's controllers it is: a u32."""
@@ -147,7 +148,14 @@ class Programs:
                 opened = (openers or {}).get(spec.id) or kind_of(spec.program).open
                 given = libraries[spec.id], tags, tables[spec.id], step_ns, seed, params
                 with loading(note, number):
-                    self._parts.append((number, rows, opened(*given, own)))
+                    self._parts.append((number, rows, self._embodied(opened(*given, own))))
+
+    def _embodied(self, program: Program) -> Program:
+        """A program that knows what its robots are, all of one model; virtual ones are e-pucks."""
+        model = self._experiment.models.get(program.tags[0], EPUCK)
+        if model != EPUCK:
+            program.embody(model)
+        return program
 
     def begin(self) -> None:
         """Every controller begins now; see `Program.begin`.

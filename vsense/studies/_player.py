@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from vsense.config.specs import Experiment
 from vsense.monitor.pictures.run_figure import draw_arena
 from vsense.run.environment import Environment
-from vsense.world.entities import BODY_RADIUS_M
+from vsense.world.robot_models import EPUCK
 
 WIDTH_PX = 640
 
@@ -50,7 +50,7 @@ def make_player(
         "robots": poses.shape[1],
         "timestep_s": experiment.timestep_s,
         "arena": [x_m - width_m / 2, y_m - depth_m / 2, width_m, depth_m],
-        "radius_m": BODY_RADIUS_M,
+        "radius_m": EPUCK.radius_m,
     }
     return RunPlayer(**given)
 

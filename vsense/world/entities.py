@@ -22,11 +22,6 @@ from vsense.base.native import kernel_ffi, kernels
 Vector = tuple[float, float, float]
 Color = tuple[int, int, int]
 
-BODY_RADIUS_M = 0.035
-"""Radius of an e-puck's body, and of every tagged object. Source: argos3-epuck."""
-BODY_HEIGHT_M = 0.076
-"""Height of such a body. Source: argos3-epuck."""
-
 VIRTUAL_TAG_MIN = 0x10000
 """Virtual robots have tags that no marker can show."""
 

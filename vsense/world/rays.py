@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vsense.base.native import check, kernel_ffi, kernels, lib
-from vsense.world.entities import BODY_HEIGHT_M, BODY_RADIUS_M, Box, Cylinder, Light
+from vsense.world.entities import Box, Cylinder, Light
+from vsense.world.robot_models import EPUCK, RobotModel
 from vsense.world.sightings import LastSightings
 
 Floats = NDArray[np.float64]
@@ -63,14 +64,25 @@ class MovingBodies(Bodies):
         crowd: the `struct vs_crowd *`.
     """
 
-    def __init__(self, seen: LastSightings, standing: NDArray[np.void], memory_ns: int) -> None:
-        """Who was not seen for `memory_ns` is not there; `standing` are BODY rows."""
+    def __init__(
+        self,
+        seen: LastSightings,
+        models: Sequence[RobotModel],
+        standing: NDArray[np.void],
+        memory_ns: int,
+    ) -> None:
+        """Who was not seen for `memory_ns` is not there; `models` are of robots, then of things,
+        and `standing` are BODY rows."""
         self._seen, moving = seen, np.zeros(seen.count)
         self.crowd: Any = kernel_ffi.new("struct vs_crowd *")
-        super().__init__(np.concatenate((disc_rows(moving, moving), standing)))
+        discs = disc_rows(moving, moving)
+        discs["radius_m"] = [model.radius_m for model in models]
+        self._heights_m = np.array([model.height_m for model in models])
+        super().__init__(np.concatenate((discs, standing)))
         self.crowd.world, self.crowd.obstacles = seen.cdata, self.cdata
         self.crowd.bodies = _pointer("struct vs_obstacle *", self.rows)
-        self.crowd.height_m, self.crowd.memory_ns = BODY_HEIGHT_M, memory_ns
+        self.crowd.heights_m = kernel_ffi.from_buffer("double[]", self._heights_m)
+        self.crowd.memory_ns = memory_ns
 
     def _sort(self) -> None:
         self._make_room(_LEAST_ROOM)
@@ -117,8 +129,8 @@ def disc_rows(
     x_m: ArrayLike,
     y_m: ArrayLike,
     there: ArrayLike = True,
-    radius_m: float = BODY_RADIUS_M,
-    height_m: float = BODY_HEIGHT_M,
+    radius_m: float = EPUCK.radius_m,
+    height_m: float = EPUCK.height_m,
 ) -> NDArray[np.void]:
     """Makes BODY rows of robots and tagged things at (n,) centres.
 

@@ -32,6 +32,7 @@ from vsense.world.entities import (
 from vsense.world.fields import Field, Floor, by_id
 from vsense.world.pollution import DEFAULT_MEMORY_NS, Cone, PollutantSource, Stock
 from vsense.world.rays import LightTable, MovingBodies, entity_rows
+from vsense.world.robot_models import EPUCK, RobotModel
 from vsense.world.sightings import NEVER_NS as NEVER_NS
 from vsense.world.sightings import LastSightings, carried, read_only, standing, unseen
 
@@ -92,6 +93,7 @@ class World:
         sightings: `robots` and `objects` as C takes them; another one when an entity changes.
         arena: the arena, or None where it is not needed.
         controllers: id of the controller of each robot, by its tag.
+        models: of robots and things that are no e-pucks, by tag.
         capture_ns: capture time of the newest arena state, 0 before the first.
         run_timestep: timestep of the run, from 0; negative before the run.
     """
@@ -117,6 +119,7 @@ class World:
         timestep_s: float = 0.1,
         seed: int = 0,
         controllers: Mapping[int, str] = MappingProxyType({}),
+        models: Mapping[int, RobotModel] = MappingProxyType({}),
     ) -> None:
         """Makes a world of which no camera has seen anything yet.
 
@@ -125,6 +128,7 @@ class World:
             entities: what else is in it, virtual robots too.
             floor: the floor's colours; None: white.
             objects: markers of the things that are no robots; the sources' are added.
+            models: of robots and things that are no e-pucks, by tag.
 
         Raises:
             WorldError: two things have the same id, or a field changes too fast for a timestep.
@@ -135,6 +139,7 @@ class World:
         self.real_robots = len(self._robots)
         self.sources = tuple(sources)
         self.arena, self.timestep_s, self.controllers = arena, timestep_s, controllers
+        self.models = models
         self.params: dict[str, str] = {}
         self.fields = by_id(fields, timestep_s)
         self._inventory, self._seed = Inventory(entities), seed
@@ -371,7 +376,9 @@ class World:
         self._robots = np.concatenate([self._robots[: self.real_robots], rows])
         self.sightings = LastSightings(self._robots, self.real_robots, self._objects)
         standing_rows = entity_rows([*self.cylinders(), *self.boxes()])
-        self._crowd = MovingBodies(self.sightings, standing_rows, BODY_MEMORY_NS)
+        tags = (*self._robots["tag"].tolist(), *self._objects["tag"].tolist())
+        models = [self.models.get(tag, EPUCK) for tag in tags]
+        self._crowd = MovingBodies(self.sightings, models, standing_rows, BODY_MEMORY_NS)
         self._is_standing = False
         after = self._robots["tag"].tolist()
         self._places = {

@@ -13,7 +13,7 @@ from tests.conftest import States
 from vsense.config.experiment import load, shipped
 from vsense.config.placement import settle
 from vsense.run.environment import Environment
-from vsense.world.entities import BODY_RADIUS_M
+from vsense.world.robot_models import EPUCK
 
 FOLDER = Path(str(resources.files("vsense") / "config/experiments"))
 
@@ -56,8 +56,8 @@ def test_labyrinth_begins_with_all_robots_in_the_west_and_no_way_out() -> None:
             for box in virtual
             if box.position_m[0] == x_m
         )
-        assert spans[0][0] <= -1.2 + BODY_RADIUS_M and spans[-1][1] >= 1.2 - BODY_RADIUS_M
+        assert spans[0][0] <= -1.2 + EPUCK.radius_m and spans[-1][1] >= 1.2 - EPUCK.radius_m
         assert all(low[1] >= high[0] - 1e-9 for low, high in pairwise(spans)), "no gap"
     for robot in experiment.robots:
         assert robot.distribution is not None
-        assert robot.distribution.position_m.second[0] < -0.5 - BODY_RADIUS_M
+        assert robot.distribution.position_m.second[0] < -0.5 - EPUCK.radius_m

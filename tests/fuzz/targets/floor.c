@@ -87,6 +87,8 @@ static struct {
     double wheels_m_s[2 * BODIES];
     int16_t commands[2 * BODIES];
     int64_t rolled_ns[BODIES];
+    double arcs[2 * BODIES];
+    struct vs_drive drives[BODIES];
 } m;
 
 /* Finite numbers: who places robots has checked them. */
@@ -97,6 +99,8 @@ static double place(struct input *in)
 
 static void make_scene(struct input *in, struct vs_near *near)
 {
+    static const struct vs_drive drives[2] = {{1.288e-4, 0.053, 0.0, 1.0, 10000, 1000},
+                                              {1e-3, 0.09, 1.0, 0.1, 0, 300}};
     uint32_t i;
 
     memset(&m, 0, sizeof m);
@@ -106,6 +110,7 @@ static void make_scene(struct input *in, struct vs_near *near)
         m.poses[3 * i + 1] = place(in);
         m.poses[3 * i + 2] = place(in);
         m.mobility[i] = i < near->robots ? 1.0 : 0.0;
+        m.drives[i] = drives[take_u8(in) % 2];
     }
     for (i = 0; i < BOXES; i++) {
         double angle = place(in);
@@ -125,11 +130,15 @@ static void check_ring(const struct vs_near *near)
     static const double table_m[3] = {0.0, 0.02, 0.05};
     static const double table_raw[3] = {3800.0, 700.0, 60.0};
     const struct vs_ring ring = {2, 2, from, from, ray_x, ray_y, response, 3, table_m, table_raw};
-    double distances_m[4 * BODIES];
+    const struct vs_ring *each[BODIES];
+    double distances_m[2 * VS_RING_SENSORS * BODIES];
+    const struct vs_rings rings = {each, near, NULL, NULL, distances_m, NULL, NULL};
     double raw[2 * BODIES];
     uint32_t i;
 
-    vs_ring_distances(&ring, near, m.poses, distances_m);
+    for (i = 0; i < near->robots; i++)
+        each[i] = &ring;
+    vs_rings_distances(&rings, m.poses);
     vs_ring_readings(&ring, distances_m, 2 * near->robots, raw);
     for (i = 0; i < 4 * near->robots; i++)
         CHECK(distances_m[i] >= 0.0);
@@ -140,10 +149,10 @@ static void check_ring(const struct vs_near *near)
 static void try_physics(struct input *in)
 {
     struct vs_near near = {1 + take_below(in, BODIES), BODIES, take_below(in, BOXES + 1),
-                           m.radii_m, m.box_rows, m.searched_m, m.pairs, 0, 0};
+                           0.11, m.radii_m, m.box_rows, m.searched_m, m.pairs, NULL, NULL, 0, 0};
     struct vs_contacts contacts = {&near, m.mobility, m.now, m.before, m.moved_m, m.newest, 0, 0};
     struct vs_physics physics = {&contacts, m.poses, m.mobility, m.wheels_m_s, m.commands,
-                                 m.rolled_ns, 0};
+                                 m.rolled_ns, m.arcs, m.drives, NULL, 0};
     int64_t now_ns = 0;
     uint32_t i;
 

@@ -26,7 +26,7 @@ from vsense.modes.lab._microcontrollers import read_actuations
 from vsense.modes.lab._physics_process import FLUSH_TICKS, TICK_NS, PhysicsProcess
 from vsense.modes.lab._physics_spec import PhysicsSpec
 from vsense.modes.lab.truth import TruthReader, make_ring
-from vsense.world.physics.motion import STEP_M
+from vsense.world.robot_models import EPUCK
 
 EPOCH_NS = 5_000_000_000
 PATIENCE_S = 20.0
@@ -117,7 +117,7 @@ def test_an_actuator_frame_moves_the_truth_from_its_time_on(
     assert applied["leds"] == 0b101
     end_ns = EPOCH_NS + (5 + FLUSH_TICKS) * TICK_NS
     poses, leds = TruthReader(ring.name).at(end_ns)
-    way_m = 500 * STEP_M * (end_ns - int(applied["time_ns"])) * 1e-9
+    way_m = 500 * EPUCK.step_m * (end_ns - int(applied["time_ns"])) * 1e-9
     np.testing.assert_allclose(poses[0], [way_m, 0, 0], atol=1e-9)
     np.testing.assert_array_equal(poses[1:, 0], [0.5, -0.5])
     np.testing.assert_array_equal(leds, [0b101, 0, 0])

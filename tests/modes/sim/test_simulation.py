@@ -11,12 +11,15 @@ import numpy as np
 import pytest
 
 from tests.rigs.places import ROOT
+from vsense.base.errors import ConfigError
 from vsense.config.experiment import SHIPPED_FOLDER, first_robots, load
 from vsense.config.specs import Experiment, Stage
 from vsense.modes.sim._simulation import Simulation
+from vsense.modes.sim.outcome import libraries_of
 from vsense.robots.inprocess import ACT_NS
-from vsense.world.entities import BODY_RADIUS_M, Box, Cylinder
-from vsense.world.physics.motion import STEP_M, obstacles
+from vsense.world.entities import Box, Cylinder
+from vsense.world.physics.motion import obstacles
+from vsense.world.robot_models import EPUCK, MODELS_FOLDER
 
 SHORT_S = 12.0
 
@@ -48,9 +51,9 @@ def test_nobody_is_inside_anybody_or_anything(experiment, pollutant) -> None:
     places = record.poses[:, :, :2]
     apart = np.hypot(*(places[:, :, None] - places[:, None]).transpose(3, 0, 1, 2))
     apart[:, np.arange(places.shape[1]), np.arange(places.shape[1])] = 1.0
-    assert apart.min() > 2 * BODY_RADIUS_M - 2e-4
-    assert np.abs(places[..., 0]).max() < 1.48 - BODY_RADIUS_M + 2e-4
-    assert np.abs(places[..., 1]).max() < 1.18 - BODY_RADIUS_M + 2e-4
+    assert apart.min() > 2 * EPUCK.radius_m - 2e-4
+    assert np.abs(places[..., 0]).max() < 1.48 - EPUCK.radius_m + 2e-4
+    assert np.abs(places[..., 1]).max() < 1.18 - EPUCK.radius_m + 2e-4
     moved = np.ptp(places[:, : len(record.tags)], axis=0).max(axis=1)
     assert (moved > 0.05).all(), "everybody drives about"
     np.testing.assert_array_equal(places[0, -1], places[-1, -1])
@@ -80,7 +83,7 @@ def test_wheels_obey_31_ms_after_the_capture(experiment, probe) -> None:
     straight = replace(alone.controllers[0], params={"speed": "3000"}, sensors=())
     record = lived(replace(alone, controllers=(straight,), length_s=0.3), probe).record
     way_m = np.hypot(*np.diff(record.poses[:, 0, :2], axis=0).T)
-    full_m_s = 1000 * STEP_M
+    full_m_s = 1000 * EPUCK.step_m
     np.testing.assert_allclose(way_m[0], full_m_s * (0.1 - ACT_NS * 1e-9), rtol=1e-9)
     np.testing.assert_allclose(way_m[1], full_m_s * 0.1, rtol=1e-9)
 
@@ -107,11 +110,11 @@ def test_only_what_is_physical_stands_in_the_way(experiment, pollutant) -> None:
     record = lived(furnished, pollutant).record
     places = record.poses[:, : len(record.tags), :2]
     from_post = np.hypot(*(places - (-0.6, -0.4)).transpose(2, 0, 1))
-    assert from_post.min() > 0.15 + BODY_RADIUS_M - 2e-4
+    assert from_post.min() > 0.15 + EPUCK.radius_m - 2e-4
     turn = np.array([[np.cos(0.4), -np.sin(0.4)], [np.sin(0.4), np.cos(0.4)]])
     local = np.abs((places - (0.6, 0.3)) @ turn)
     beyond = np.maximum(local - (0.15, 0.1), 0.0)
-    assert np.hypot(beyond[..., 0], beyond[..., 1]).min() > BODY_RADIUS_M - 2e-4
+    assert np.hypot(beyond[..., 0], beyond[..., 1]).min() > EPUCK.radius_m - 2e-4
     on_ghost = (np.abs(places - (0.6, -0.5)) < 0.2).all(axis=2)
     assert on_ghost.any()
 
@@ -148,3 +151,31 @@ def test_no_robot_is_faster_than_the_file_allows(pollutant, tmp_path: Path) -> N
     assert speeds_m_s[0] > 0.07
     # The e-puck's motors take the next lower step; bodies that are pushed move by 0.1 mm more.
     assert 0.04 < speeds_m_s[1] <= 0.05 + 1e-3
+
+
+def test_robots_of_several_models_share_an_arena(tmp_path: Path) -> None:
+    text = (SHIPPED_FOLDER / "predator_prey.argos").read_text()
+    path, own = tmp_path / "mixed.argos", tmp_path / "big.toml"
+    loops = (SHIPPED_FOLDER / "predator_prey.py").read_text()
+    (tmp_path / "predator_prey.py").write_text(loops)
+    path.write_text(text.replace('<e-puck id="predator"', '<e-puck vs:model="big" id="predator"'))
+    with pytest.raises(ConfigError, match="there is no robot model 'big'"):
+        load(str(path))
+    thymio = (MODELS_FOLDER / "thymio2.toml").read_text()
+    own.write_text(thymio.replace("radius_m = 0.08", "radius_m = 0.2"))
+    mixed = load(str(path), 60.0, stage=Stage.SIM)
+    models = [robot.model for robot in mixed.robots]
+    assert {model.name for model in models} == {"big", "epuck"}
+    run = Simulation(mixed, libraries_of(mixed), 1)
+    run.run()
+    places = run.record.poses[:, : len(models), :2]
+    radii = np.array([model.radius_m for model in models])
+    apart = np.hypot(*(places[:, :, None] - places[:, None]).transpose(3, 0, 1, 2))
+    apart[:, np.arange(len(models)), np.arange(len(models))] = 1.0
+    assert (apart > radii + radii[:, None] - 3e-4).all()
+    assert (apart < radii + radii[:, None] + 1e-3).any(), "some touch"
+    half = np.array(mixed.arena.size_m[:2]) / 2
+    assert (np.abs(places) < half - radii[:, None] + 1e-3).all()
+    world = run.environment.world
+    rows = world.bodies().rows[: len(models)]
+    np.testing.assert_array_equal(rows["radius_m"], radii)

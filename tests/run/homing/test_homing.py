@@ -16,7 +16,8 @@ from vsense.run.homing import _motion
 from vsense.run.homing._homing import Homing
 from vsense.run.homing.floor import DrivingFloor
 from vsense.run.homing.robots import HomingLimits, Trouble
-from vsense.world.entities import BODY_RADIUS_M, Arena
+from vsense.world.entities import Arena
+from vsense.world.robot_models import EPUCK
 
 ARENA = Arena((2.0, 2.0, 1.0), (0.0, 0.0, 0.0))
 WALL = (0.0, 0.0, 0.0, 0.04, 1.2)
@@ -167,7 +168,7 @@ def test_ways_lead_around_tagged_objects_and_robots_that_do_not_play() -> None:
     assert set(goals) == {1, 2}
     way = [there[1][:2], *planned.robots[1].way]
     line = np.concatenate([np.linspace(*ends, 50) for ends in pairwise(way)])
-    assert np.hypot(line[:, 0], line[:, 1]).min() > 2.0 * BODY_RADIUS_M
+    assert np.hypot(line[:, 0], line[:, 1]).min() > 2.0 * EPUCK.radius_m
     assert [arrival.tag for arrival in planned.arrivals()] == [1, 2]
 
 

@@ -16,7 +16,7 @@ from vsense.studies.benchmark._motion import (
     shift_of,
     standing_noise,
 )
-from vsense.world.physics.motion import AXLE_M, STEP_M
+from vsense.world.robot_models import EPUCK
 
 TAG, STEPS, DT_S = 23, 900, 0.1
 
@@ -33,8 +33,8 @@ def driven(
     speeds[np.arange(len(speeds)) % 8 < 4] = 0.0
     fine_s = np.arange(0, STEPS * 100) / 1000.0
     now = speeds[np.clip((fine_s - lag_s) / 0.5, 0, len(speeds) - 1).astype(int)]
-    way = now * STEP_M * (left, right) * 1e-3
-    yaw = np.concatenate(([0.0], np.cumsum((way[:, 1] - way[:, 0]) / (AXLE_M * axle))))
+    way = now * EPUCK.step_m * (left, right) * 1e-3
+    yaw = np.concatenate(([0.0], np.cumsum((way[:, 1] - way[:, 0]) / (EPUCK.axle_m * axle))))
     ahead = way.mean(axis=1)
     x, y = (np.cumsum(ahead * turn(yaw[:-1])) for turn in (np.cos, np.sin))
     at = slice(0, None, 100)

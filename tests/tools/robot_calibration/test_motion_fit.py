@@ -9,7 +9,8 @@ import pytest
 
 from vsense.modes.lab.hardware import HardwareErrors, RobotHardware, draw, to_markers
 from vsense.tools.robot_calibration._motion_fit import BadFit, Stretch, fit
-from vsense.world.physics.motion import Physics, motor_speed
+from vsense.world.physics.motion import Physics
+from vsense.world.robot_models import EPUCK
 
 ERRORS = HardwareErrors(0.004, math.radians(5.0), 0.05)
 TURNS = ((-200, 200), (200, -200))
@@ -74,7 +75,7 @@ def test_a_pose_that_is_far_off_spoils_nothing() -> None:
 
 def test_a_motor_makes_a_step_in_whole_ticks() -> None:
     # epuck.md 1.6: 900 -> 909, 700 -> 714, 600 -> 625.
-    assert [round(motor_speed(told)) for told in (900, 700, 600, 0, -600)] == [
+    assert [round(EPUCK.motor_speed(told)) for told in (900, 700, 600, 0, -600)] == [
         909,
         714,
         625,

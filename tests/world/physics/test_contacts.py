@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from vsense.world.entities import BODY_RADIUS_M
 from vsense.world.physics.motion import TICK_NS, Physics
+from vsense.world.robot_models import EPUCK
 
 
 def separated(
@@ -36,11 +36,11 @@ def test_who_cannot_move_does_not() -> None:
 
 def test_a_chain_carries_the_push_to_its_end() -> None:
     """Six in a row, the first 1 mm inside a wall: all move on by that millimetre."""
-    places = [[0.07 * robot + BODY_RADIUS_M - 1e-3, 0.0] for robot in range(6)]
+    places = [[0.07 * robot + EPUCK.radius_m - 1e-3, 0.0] for robot in range(6)]
     moved = separated(places, [], [[-0.005, 0, 0, 0.01, 1]])
     np.testing.assert_allclose(moved, [[x + 1e-3, y] for x, y in places], atol=5e-5)
 
 
 def test_two_on_the_same_spot_are_parted() -> None:
     moved = separated([[0.0, 0.0], [0.0, 0.0]], [], [])
-    assert np.hypot(*(moved[0] - moved[1])) > 2 * BODY_RADIUS_M - 1e-4
+    assert np.hypot(*(moved[0] - moved[1])) > 2 * EPUCK.radius_m - 1e-4

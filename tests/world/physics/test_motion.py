@@ -4,26 +4,23 @@ from __future__ import annotations
 
 import cmath
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vsense.world.entities import BODY_RADIUS_M
-from vsense.world.physics.motion import (
-    AXLE_M,
-    MAX_SPEED_STEPS_S,
-    STEP_M,
-    NoisyWheels,
-    Physics,
-    WheelNoise,
-)
+from vsense.base.errors import ConfigError
+from vsense.world.entities import WorldError
+from vsense.world.physics.motion import NoisyWheels, Physics, WheelNoise
+from vsense.world.physics.proximity_ring import ProximityRing
+from vsense.world.robot_models import EPUCK, MODELS_FOLDER, RingModel, RobotModel, model_of
 from vsense.world.sensors.quality import generator
 
 TICK_NS = 10_000_000
-FULL_M_S = MAX_SPEED_STEPS_S * STEP_M
-speeds = st.integers(-MAX_SPEED_STEPS_S, MAX_SPEED_STEPS_S)
+FULL_M_S = EPUCK.max_steps_s * EPUCK.step_m
+speeds = st.integers(-EPUCK.max_steps_s, EPUCK.max_steps_s)
 yaws = st.floats(-math.pi, math.pi)
 seeds = st.integers(0, 2**32 - 1)
 WALLS = [[0.4, 0, 0, 0.01, 1], [-0.4, 0, 0, 0.01, 1], [0, 0.4, 0, 1, 0.01], [0, -0.4, 0.2, 1, 0.01]]
@@ -35,7 +32,7 @@ def real_speed_m_s(commanded: int) -> float:
     Source: epuck.md 1.6.
     """
     ticks = 10_000 // abs(commanded) if commanded else math.inf
-    return math.copysign(10_000 / ticks, commanded) * STEP_M
+    return math.copysign(10_000 / ticks, commanded) * EPUCK.step_m
 
 
 def box_gap_m(place: np.ndarray, row: list[float]) -> float:
@@ -61,7 +58,7 @@ def crowd(seed: int, robots: int, half_m: float = 0.28) -> np.ndarray:
     poses: list[np.ndarray] = []
     while len(poses) < robots:
         pose = random.uniform(-1, 1, 3) * (half_m, half_m, math.pi)
-        if all(np.hypot(*(pose - other)[:2]) > 2 * BODY_RADIUS_M for other in poses):
+        if all(np.hypot(*(pose - other)[:2]) > 2 * EPUCK.radius_m for other in poses):
             poses.append(pose)
     return np.array(poses)
 
@@ -72,7 +69,7 @@ def worst_overlap_m(physics: Physics, rows: list[list[float]]) -> float:
     apart = np.hypot(*(places[:, None] - places[None]).transpose(2, 0, 1))
     np.fill_diagonal(apart, 1.0)
     to_box = min((box_gap_m(place, row) for place in places for row in rows), default=1.0)
-    return max(2 * BODY_RADIUS_M - apart.min(), BODY_RADIUS_M - to_box)
+    return max(2 * EPUCK.radius_m - apart.min(), EPUCK.radius_m - to_box)
 
 
 @pytest.mark.parametrize(
@@ -84,10 +81,12 @@ def test_the_stepper_quantises(commanded, real) -> None:
         physics = Physics([[0, 0, 0]], [], [], 0)
         physics.drive(0, sign * commanded, sign * commanded, 0)
         run(physics, 10)
-        np.testing.assert_allclose(physics.poses, [[sign * real * STEP_M / 10, 0, 0]], atol=1e-7)
+        np.testing.assert_allclose(
+            physics.poses, [[sign * real * EPUCK.step_m / 10, 0, 0]], atol=1e-7
+        )
 
 
-@given(yaws, st.integers(1, MAX_SPEED_STEPS_S), st.integers(1, 300))
+@given(yaws, st.integers(1, EPUCK.max_steps_s), st.integers(1, 300))
 def test_equal_speeds_drive_straight(yaw, speed, ticks) -> None:
     physics = alone(yaw)
     physics.drive(0, speed, speed, 0)
@@ -107,8 +106,8 @@ def test_unequal_speeds_drive_an_exact_arc(yaw, left, right, ticks) -> None:
     physics = alone(yaw)
     physics.drive(0, left, right, 0)
     run(physics, ticks)
-    radius = AXLE_M / 2 * (fast + slow) / (fast - slow)
-    turn = (fast - slow) / AXLE_M * ticks * 0.01
+    radius = EPUCK.axle_m / 2 * (fast + slow) / (fast - slow)
+    turn = (fast - slow) / EPUCK.axle_m * ticks * 0.01
     centre = complex(0.1, -0.2) + radius * 1j * cmath.exp(1j * yaw)
     expected = centre - radius * 1j * cmath.exp(1j * (yaw + turn))
     np.testing.assert_allclose(physics.poses[0, :2], [expected.real, expected.imag], atol=1e-7)
@@ -201,22 +200,24 @@ def test_a_robot_pressed_against_a_wall_turns_on_the_spot() -> None:
     physics = Physics([[0, 0, 0]], [], [[0.04, 0, 0, 0.01, 4]], 0)
     physics.drive(0, 250, -250, 0)
     run(physics, 100)
-    np.testing.assert_allclose(physics.poses[0], [0, 0, -500 * STEP_M / AXLE_M], atol=1e-9)
+    np.testing.assert_allclose(
+        physics.poses[0], [0, 0, -500 * EPUCK.step_m / EPUCK.axle_m], atol=1e-9
+    )
 
 
 def test_a_robot_stops_at_an_object() -> None:
     physics = Physics([[0, 0, 0]], [[0.2, 0, 0]], [], 0)
     physics.drive(0, 1000, 1000, 0)
     run(physics, 300)
-    np.testing.assert_allclose(physics.poses[0], [0.2 - 2 * BODY_RADIUS_M, 0, 0], atol=1e-4)
+    np.testing.assert_allclose(physics.poses[0], [0.2 - 2 * EPUCK.radius_m, 0, 0], atol=1e-4)
     np.testing.assert_array_equal(physics.poses[1], [0.2, 0, 0])
 
 
 def test_a_standing_robot_is_pushed_slowly_and_only_while_pushed() -> None:
-    physics = Physics([[0, 0, 0], [2 * BODY_RADIUS_M, 0, 0]], [], [], 0)
+    physics = Physics([[0, 0, 0], [2 * EPUCK.radius_m, 0, 0]], [], [], 0)
     physics.drive(0, 1000, 1000, 0)
     run(physics, 100)
-    pushed_m = physics.poses[1, 0] - 2 * BODY_RADIUS_M
+    pushed_m = physics.poses[1, 0] - 2 * EPUCK.radius_m
     assert pushed_m == pytest.approx(FULL_M_S / 5, rel=0.02)
     physics.drive(0, -1000, -1000, 100 * TICK_NS)
     physics.tick(101 * TICK_NS)
@@ -292,7 +293,7 @@ def test_to_advance_is_to_tick_on_the_grid(seed, time_ns) -> None:
 def test_a_robot_that_is_put_in_drives_as_it_is_built() -> None:
     built = (1.02, 0.97, 0.0535)
     poses = [[0.0, 0.0, 0.3], [0.0, 0.5, 0.3]]
-    meant = Physics(poses, [], [], 0, built=np.array([built, (1.0, 1.0, AXLE_M)]))
+    meant = Physics(poses, [], [], 0, built=np.array([built, (1.0, 1.0, EPUCK.axle_m)]))
     nominal, rebuilt = Physics(poses, [], [], 0), Physics(poses, [], [], 0)
     rebuilt.rebuild(0, built)
     for physics in (meant, nominal, rebuilt):
@@ -329,7 +330,77 @@ def test_wheels_slip_as_in_numpy(
         drawn = commands * (1.0 + column("relative") * random.normal(size=shape))
         factor = column("factor") + column("factor_dev") * random.normal(size=shape)
         turning = (commands != 0).any(axis=1)[:, None]
-        expected = np.rint(np.where(turning, factor * (drawn + bias / STEP_M), drawn))
-        expected = np.clip(expected, -MAX_SPEED_STEPS_S, MAX_SPEED_STEPS_S)
+        expected = np.rint(np.where(turning, factor * (drawn + bias / EPUCK.step_m), drawn))
+        expected = np.clip(expected, -EPUCK.max_steps_s, EPUCK.max_steps_s)
         quiet = not any(models)
         assert (wheels.apply(commands) == (commands if quiet else expected)).all()
+
+
+def test_a_wheel_is_as_fast_as_its_model_says() -> None:
+    fast, quick = heavy(max_steps_s=2000), heavy(acceleration_m_s2=0.5)
+    physics = Physics([[0, 0, 0], [0, 1, 0], [0, 2, 0]], [], [], 0, models=[EPUCK, fast, quick])
+    physics.drive_all(np.full((3, 2), 1500, dtype=np.int16), 0)
+    physics.advance(1_000_000_000)
+    way = 1500 * fast.step_m
+    assert physics.poses[0, 0] == pytest.approx(1000 * EPUCK.step_m)
+    assert physics.poses[1, 0] == pytest.approx(way)
+    top_m_s = 1000 * quick.step_m
+    # It gains 5 mm/s before each tick of 10 ms.
+    gained = np.minimum(0.005 * np.arange(1, 101), top_m_s)
+    assert physics.poses[2, 0] == pytest.approx(0.01 * gained.sum(), rel=1e-9)
+
+
+def test_the_heavier_of_two_robots_gives_way_less() -> None:
+    model = heavy(radius_m=0.1, mass_kg=10.0 * EPUCK.mass_kg)
+    physics = Physics([[0, 0, 0], [0.12, 0, 0]], [], [], 0, models=[EPUCK, model])
+    physics.tick(10_000_000)
+    small, large = -physics.poses[0, 0], physics.poses[1, 0] - 0.12
+    assert small + large == pytest.approx(EPUCK.radius_m + 0.1 - 0.12, abs=1e-5)
+    assert small / large == pytest.approx(10.0, rel=1e-6)
+
+
+def test_a_large_robot_is_felt_where_its_rim_is() -> None:
+    wide = heavy(radius_m=0.3)
+    physics = Physics([[0, 0, 0], [0.34, 0, 0]], [], [], 0, models=[EPUCK, wide])
+    proximity = ProximityRing(physics.near, 1, models=physics.models)
+    far, _ = proximity.distances(physics.bodies)
+    # The rim is 0.04 m ahead of the middle, and ps0 and ps7 sit 0.03 m before it.
+    assert far[[0, 7]].min() == pytest.approx(0.01, abs=0.002)
+    blind = ProximityRing(physics.near, 1, models=[replace(EPUCK, ring=RingModel()), wide])
+    assert (blind.read(physics.bodies)[0] == 0).all() and (proximity.read(physics.bodies) > 0).all()
+
+
+def heavy(**changes: float) -> RobotModel:
+    """An e-puck that is somewhat different, without its motors' timer."""
+    return replace(EPUCK, timer_hz=0, **changes)
+
+
+GOOD = (MODELS_FOLDER / "epuck.toml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "at", "words"),
+    [
+        ("radius_m = 0.035", "radius_m = -1", "radius_m", "a number from 0.001 to 5 m; got -1"),
+        ("radius_m = 0.035\n", "", "[body]", r"\[body\] lacks radius_m"),
+        ("mass_kg", "weight", "weight", "'weight' is not known"),
+        ("[0.022, 0.025], [0.030, 0.010]", "[0.03, 0.01]", "headings_deg", "expected 7 as places"),
+        ("0.005, 0.01,", "0.01, 0.01,", "table_m", "table_m: expected rising distances"),
+        ("headings_deg = [-17.2,", 'headings_deg = ["a",', "headings_deg", "a number"),
+    ],
+)
+def test_a_wrong_model_is_told_with_its_line(tmp_path, old, new, at, words) -> None:
+    path, text = tmp_path / "mine.toml", GOOD.replace(old, new, 1)
+    path.write_text(text)
+    line = next(n for n, row in enumerate(text.splitlines(), 1) if row.startswith(at))
+    with pytest.raises(ConfigError, match=words) as error:
+        model_of("mine", tmp_path)
+    assert text != GOOD and (error.value.file, error.value.line) == (str(path), line)
+
+
+def test_an_own_model_comes_before_a_shipped_one(tmp_path) -> None:
+    (tmp_path / "epuck.toml").write_text(GOOD.replace("0.035", "0.04"))
+    assert model_of("epuck", tmp_path).radius_m == 0.04 and model_of("epuck") == EPUCK
+    assert model_of("epuck2").step_m == pytest.approx(125_664e-9, rel=1e-5)
+    with pytest.raises(WorldError, match="epuck"):
+        model_of("epuk", tmp_path)

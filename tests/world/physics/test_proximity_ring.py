@@ -9,18 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vsense.world.entities import BODY_RADIUS_M
 from vsense.world.physics.motion import Physics
-from vsense.world.physics.proximity_ring import (
-    HEADINGS_RAD,
-    NOISE_RAW,
-    POSITIONS_M,
-    RING_RAW_MAX,
-    TABLE_M,
-    TABLE_RAW,
-    ProximityRing,
-    readings,
-)
+from vsense.world.physics.proximity_ring import RING_RAW_MAX, ProximityRing, readings
+from vsense.world.robot_models import EPUCK
+
+HEADINGS_RAD, POSITIONS_M = EPUCK.ring.headings_rad, np.array(EPUCK.ring.places_m)
+TABLE_M, TABLE_RAW = np.array(EPUCK.ring.table_m), np.array(EPUCK.ring.table_raw)
+NOISE_RAW = EPUCK.ring.noise_raw
 
 Rows = list[list[float]]
 bearings = st.floats(-math.pi, math.pi)
@@ -66,7 +61,7 @@ def test_between_the_table_values_lies_a_straight_line(sensor, distance_m) -> No
 def test_who_comes_nearer_reads_no_lower(sensor, one_m, other_m) -> None:
     near_m, far_m = sorted((one_m, other_m))
     near, far = (
-        clean([[*ahead_of(sensor, distance_m + BODY_RADIUS_M), 0.0]], [])[sensor]
+        clean([[*ahead_of(sensor, distance_m + EPUCK.radius_m), 0.0]], [])[sensor]
         for distance_m in (near_m, far_m)
     )
     assert near >= far
@@ -155,7 +150,7 @@ def test_rays_end_where_a_point_on_them_first_is_inside_something(
         POSITIONS_M[:, None, None]
         + walk[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=-1)[:, :, None]
     )
-    in_body = np.hypot(*np.moveaxis(points - other, -1, 0)) < BODY_RADIUS_M
+    in_body = np.hypot(*np.moveaxis(points - other, -1, 0)) < EPUCK.radius_m
     offset = points - wall[:2]
     across, along = offset @ [c, s], offset @ [-s, c]
     hit = in_body | ((np.abs(across) < 0.01) & (np.abs(along) < 0.05))

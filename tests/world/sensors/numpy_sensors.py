@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from tests.rigs.lines import NOBODY, blocked, nearest
 from vsense.base.arena import wrap_angle
-from vsense.world.entities import BODY_RADIUS_M, Box, Cylinder
+from vsense.world.entities import Box, Cylinder
 from vsense.world.rays import Bodies, disc_rows, entity_rows
-from vsense.world.sensors.geometry import RING_HEIGHT_M, RING_RADIUS_M, Reach, Ring, rows_of, within
-from vsense.world.sensors.ground import AHEAD_M, LEFT_M
+from vsense.world.robot_models import EPUCK
+from vsense.world.sensors.geometry import Reach, Ring, rows_of, within
 from vsense.world.sensors.omnidirectional_camera import (
     CAMERA_HEIGHT_M,
     LEDS_M,
@@ -37,7 +37,10 @@ def ring_headings(ring: Ring, robots: Robots) -> Floats:
 
 
 def ring_points(
-    ring: Ring, robots: Robots, radius_m: float = RING_RADIUS_M, height_m: float = RING_HEIGHT_M
+    ring: Ring,
+    robots: Robots,
+    radius_m: float = EPUCK.infrared.radius_m,
+    height_m: float = EPUCK.infrared.height_m,
 ) -> Floats:
     """Places of the sensors of robots (n,): (n, k, 3) [m] in the arena."""
     headings = ring_headings(ring, robots)
@@ -63,7 +66,7 @@ def proximity(sensor: ProximitySensor, world: World, robots: Robots) -> Floats:
     if sensor.field_of_view_rad > 0.0:
         fan = sensor.field_of_view_rad / 2.0 * np.linspace(-1.0, 1.0, RAYS)
     headings = ring_headings(sensor.ring, robots)[:, :, None] + fan
-    place = (0.035, 0.06) if sensor.generic else (RING_RADIUS_M, RING_HEIGHT_M)
+    place = (0.035, 0.06) if sensor.generic else (EPUCK.infrared.radius_m, EPUCK.infrared.height_m)
     starts = np.repeat(ring_points(sensor.ring, robots, *place)[:, :, None, :], len(fan), axis=2)
     ends = starts.copy()
     ends[..., 0] += sensor.range_m * np.cos(headings)
@@ -98,10 +101,10 @@ def virtual_bodies(world: World) -> Bodies:
 
 def ground(world: World, robots: Robots) -> Floats:
     """What `GroundSensor.read` gives; the sum's order is that of the kernel, no BLAS's."""
-    points = points_at(robots, AHEAD_M, LEFT_M)
+    points = points_at(robots, 0.03, (0.009, 0.0, -0.009))
     red, green, blue, _ = world.floor.sample(points.reshape(-1, 2)).T
     grey = red * GREY[0] + green * GREY[1] + blue * GREY[2]
-    return np.clip(grey, 0.0, 1.0).reshape(len(robots), len(LEFT_M))
+    return np.clip(grey, 0.0, 1.0).reshape(len(robots), 3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,7 +219,7 @@ def disturbed(
         up_m = away_m * np.cos(inclination)
         distance_m = np.sqrt(ahead_m**2 + left_m**2 + up_m**2)
         bearing_rad = np.arctan2(left_m, ahead_m)
-    range_cm = 100.0 * (distance_m - 2.0 * BODY_RADIUS_M)
+    range_cm = 100.0 * (distance_m - 2.0 * EPUCK.radius_m)
     if noise.real_range:
         mu, sigma = (np.interp(range_cm, _REAL_CM, table) for table in (_REAL_MU, _REAL_SIGMA))
         power = np.exp(mu + sigma * random.normal(0.0, 1.0, len(pairs)))
@@ -235,7 +238,7 @@ def range_and_bearing(
         pairs = pairs.first(places, random.random(len(pairs)))
     if sensor.loss_probability > 0.0:
         pairs = pairs.select(random.random(len(pairs)) >= sensor.loss_probability)
-    range_cm = 100.0 * np.maximum(pairs.distance_m - 2.0 * BODY_RADIUS_M, 0.0)
+    range_cm = 100.0 * np.maximum(pairs.distance_m - 2.0 * EPUCK.radius_m, 0.0)
     bearing_rad = pairs.bearing_rad
     if sensor.noise is not None:
         range_cm, bearing_rad = disturbed(sensor.noise, pairs, random)

@@ -15,7 +15,7 @@ from tests.world.sensors.numpy_sensors import points_at, ring_points
 from tests.world.sensors.scenes import element, world_of
 from vsense.base.errors import ConfigError
 from vsense.world.entities import VIRTUAL_TAG_MIN, VirtualRobot
-from vsense.world.physics import proximity_ring as lab_proximity
+from vsense.world.robot_models import EPUCK
 from vsense.world.sensors.geometry import Ring, field_of_view, rows_of, seen_from, within
 
 ANGLES = st.floats(-math.pi, math.pi)
@@ -33,7 +33,7 @@ def test_the_ring_of_the_robot_is_that_of_the_controllers_header_and_of_the_lab(
     assert declared is not None
     controllers = [float(number) for number in declared[1].split(",")]
     np.testing.assert_allclose(ours.angles_rad, controllers, atol=1e-4)
-    np.testing.assert_allclose(ours.places_rad, lab_proximity.HEADINGS_RAD)
+    np.testing.assert_allclose(ours.places_rad, EPUCK.ring.headings_rad)
 
 
 def test_an_even_ring_goes_round_counter_clockwise_from_straight_ahead() -> None:

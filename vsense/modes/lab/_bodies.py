@@ -18,7 +18,7 @@ from vsense.base.shared import LabError
 from vsense.modes.lab._optics import BLUR_SIGMA_PX, Floats
 from vsense.vision.cameras.camera import Camera, Image32
 from vsense.vision.markers.families import Family
-from vsense.world.entities import BODY_RADIUS_M
+from vsense.world.robot_models import EPUCK, RobotModel
 
 PAPER_REFLECTANCE, INK_REFLECTANCE = 0.84, 0.05
 """Reflectances of a marker's white and black."""
@@ -32,25 +32,21 @@ ROBOT = "robot"
 OBJECT = "object"
 
 _FINE = 3
-_SHADOW_RADIUS_M = 0.058
+_SHADOW_M = 0.023
+"""How far a shadow reaches beyond the body."""
 _SHADOW_DEPTH = 0.55
 _SIDES: dict[str, tuple[tuple[float, float], ...]] = {
     ROBOT: ((0.3, 0.10), (0.62, 0.17)),
     OBJECT: ((0.25, 0.20), (0.5, 0.23), (0.75, 0.26)),
 }
 """Height of each side disc as a share of the marker's, and its reflectance."""
-_RING_M = np.array(
-    [
-        (0.0337, 0.0), (0.022, -0.025), (0.0, -0.0337), (-0.027, -0.0201),
-        (-0.033, 0.0), (-0.027, 0.0201), (0.0, 0.0337), (0.022, 0.025),
-    ]
-)  # fmt: skip
-"""Places of the ring's LEDs, robot frame. Source: epuck.md section 6."""
 _RING_SHARE = 0.68
 """Height of the ring's LEDs as a share of the marker's: 41 of 60 mm."""
-_FRONT_M = np.array((0.036, -0.0125))
 
-_GLOW_RADIUS_M = 0.056
+_GLOW_M = 0.021
+"""Likewise."""
+_RIM = 1.08
+"""Halos shine so much farther out than their LEDs sit."""
 _LED_BITS = 0x3FF
 
 
@@ -65,6 +61,7 @@ class Body:
     height_m: float
     kind: str = ROBOT
     marker: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    model: RobotModel = EPUCK
 
     def __post_init__(self) -> None:
         if self.kind not in _SIDES:
@@ -106,18 +103,19 @@ class BodySprites:
 
     def __init__(self, body: Body, family: Family, camera: Camera) -> None:
         """Draws all that does not change, with the camera's blur."""
-        self._height_m = body.height_m
+        self._height_m, self._model = body.height_m, body.model
         self._pixel_m = _pixel_m(camera, body.height_m)
         sides = [
-            _side(body.kind, k, body.height_m, self._pixel_m) for k in range(len(_SIDES[body.kind]))
+            _side(body.kind, k, body.height_m, self._pixel_m, body.model.radius_m)
+            for k in range(len(_SIDES[body.kind]))
         ]
-        self._below = (_shadow(self._pixel_m), *sides)
+        self._below = (_shadow(self._pixel_m, body.model.radius_m), *sides)
         self._top = _marker(body, family, self._pixel_m)
 
     def sprites(self, leds: int) -> tuple[Sprite, ...]:
         """The sprites from the floor upwards, with these LED bits lit."""
         bits = leds & _LED_BITS
-        glow = (_glow(bits, self._height_m, self._pixel_m),) if bits else ()
+        glow = (_glow(bits, self._height_m, self._pixel_m, self._model),) if bits else ()
         return (*self._below, *glow, self._top)
 
 
@@ -150,29 +148,30 @@ def _draw(
     return np.pad(np.asarray(texture, dtype=np.float32), border), half / SPRITE_PX_PER_M
 
 
-@lru_cache(maxsize=8)
-def _shadow(pixel_m: float) -> Sprite:
-    """A soft dark spot around a body."""
+@lru_cache(maxsize=16)
+def _shadow(pixel_m: float, body_m: float) -> Sprite:
+    """A soft dark spot around a body of a radius."""
+    reach_m = body_m + _SHADOW_M
 
     def draw(x: Floats, y: Floats) -> Floats:
-        beyond = (np.hypot(x, y) - BODY_RADIUS_M) / (_SHADOW_RADIUS_M - BODY_RADIUS_M)
+        beyond = (np.hypot(x, y) - body_m) / (reach_m - body_m)
         depth = _SHADOW_DEPTH * (1.0 - np.clip(beyond, 0.0, 1.0)) ** 2
         return np.asarray(depth[..., np.newaxis])
 
-    texture, radius = _draw(draw, _SHADOW_RADIUS_M, pixel_m, fine=1)
+    texture, radius = _draw(draw, reach_m, pixel_m, fine=1)
     return Sprite(texture, radius, 0.0, Effect.COVER)
 
 
 @lru_cache(maxsize=32)
-def _side(kind: str, number: int, height_m: float, pixel_m: float) -> Sprite:
+def _side(kind: str, number: int, height_m: float, pixel_m: float, body_m: float) -> Sprite:
     """A slice through the body below the marker."""
     share, reflectance = _SIDES[kind][number]
 
     def draw(x: Floats, y: Floats) -> Floats:
-        inside = np.hypot(x, y) <= BODY_RADIUS_M
+        inside = np.hypot(x, y) <= body_m
         return np.asarray(inside[..., np.newaxis], dtype=np.float64)
 
-    texture, radius = _draw(draw, BODY_RADIUS_M, pixel_m)
+    texture, radius = _draw(draw, body_m, pixel_m)
     return Sprite(texture, radius, share * height_m, Effect.COVER, reflectance)
 
 
@@ -196,13 +195,14 @@ def _marker(body: Body, family: Family, pixel_m: float) -> Sprite:
 
 
 @lru_cache(maxsize=256)
-def _glow(bits: int, height_m: float, pixel_m: float) -> Sprite:
+def _glow(bits: int, height_m: float, pixel_m: float, model: RobotModel) -> Sprite:
     """Halos around the LEDs, of which the marker's disc leaves the outer half to be seen."""
-    lamps = [(place, 0.0045, 0.5) for k, place in enumerate(_RING_M * 1.08) if bits >> k & 1]
+    ring = np.array(model.leds.ring_m).reshape(-1, 2) * _RIM
+    lamps = [(place, 0.0045, 0.5) for k, place in enumerate(ring) if bits >> k & 1]
     if bits >> 8 & 1:
         lamps.append((np.zeros(2), 0.024, 0.5))
     if bits >> 9 & 1:
-        lamps.append((_FRONT_M, 0.006, 0.7))
+        lamps.append((np.array(model.leds.front_m), 0.006, 0.7))
 
     def draw(x: Floats, y: Floats) -> Floats:
         light = np.zeros((*x.shape, 1))
@@ -211,5 +211,5 @@ def _glow(bits: int, height_m: float, pixel_m: float) -> Sprite:
             light[..., 0] += strength * np.exp(-squared)
         return light
 
-    texture, radius = _draw(draw, _GLOW_RADIUS_M, pixel_m, fine=1)
+    texture, radius = _draw(draw, model.radius_m + _GLOW_M, pixel_m, fine=1)
     return Sprite(texture, radius, _RING_SHARE * height_m, Effect.GLOW)

@@ -22,6 +22,7 @@ from vsense.modes.lab._reach import reachable
 from vsense.modes.lab.hardware import RobotHardware
 from vsense.vision.cameras.camera import Camera
 from vsense.world.entities import Arena
+from vsense.world.robot_models import EPUCK, read_model
 
 GridShape = tuple[int, int]
 """Columns along x, and rows along y."""
@@ -162,7 +163,8 @@ class LabCameraSpec:
 
     def to_json(self) -> str:
         """The spec as one line."""
-        return json.dumps(asdict(self) | {"log": str(self.log)})
+        bodies = [asdict(body) | {"model": str(body.model.file)} for body in self.bodies]
+        return json.dumps(asdict(self) | {"log": str(self.log), "bodies": bodies})
 
     @classmethod
     def from_json(cls, text: str) -> LabCameraSpec:
@@ -174,7 +176,14 @@ class LabCameraSpec:
             )
             values["boxes"] = tuple(Block(**box) for box in values["boxes"])
             values["bodies"] = tuple(
-                Body(**{**body, "marker": tuple(body["marker"])}) for body in values["bodies"]
+                Body(
+                    **{
+                        **body,
+                        "marker": tuple(body["marker"]),
+                        "model": read_model(Path(body["model"])),
+                    }
+                )
+                for body in values["bodies"]
             )
             values["log"] = Path(values["log"])
             return cls(**values)
@@ -217,7 +226,6 @@ def spec_for(
     Raises:
         TooLargeArena: it is too large for the cameras.
     """
-    height_m = experiment.marker.height_m
     return LabCameraSpec(
         cameras=tuple(cameras or cameras_above(experiment, grid)),
         boxes=tuple(Block.of(thing) for thing in experiment.solids),
@@ -226,7 +234,10 @@ def spec_for(
                 robot_body(experiment, robot.tag, hardware.get(robot.tag), worn)
                 for robot in experiment.robots
             ),
-            *(Body(thing.tag, height_m, OBJECT) for thing in experiment.objects),
+            *(
+                Body(thing.tag, experiment.marker_height_m(thing.tag), OBJECT, model=thing.model)
+                for thing in experiment.objects
+            ),
         ),
         family=experiment.marker.family,
         timestep_ns=experiment.timestep_ns,
@@ -244,7 +255,8 @@ def robot_body(
     worn: Mapping[int, int] = {},
 ) -> Body:
     """How a robot looks from above; for `built` and `worn` see `spec_for`."""
-    return Body(worn.get(tag, tag), experiment.marker.height_m, ROBOT, _marker(built))
+    height_m, model = experiment.marker_height_m(tag), experiment.models.get(tag, EPUCK)
+    return Body(worn.get(tag, tag), height_m, ROBOT, _marker(built), model)
 
 
 def _marker(built: RobotHardware | None) -> tuple[float, float, float]:

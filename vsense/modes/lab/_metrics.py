@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from vsense.base.arena import wrap_angle
 from vsense.config.specs import Experiment
 from vsense.monitor.pictures.run_samples import RunSamples
-from vsense.world.entities import BODY_RADIUS_M, Arena
+from vsense.world.entities import Arena
+from vsense.world.robot_models import EPUCK
 
 if TYPE_CHECKING:
     from vsense.monitor.pictures.run_figure import RunFigure
@@ -38,7 +39,7 @@ matter of millimetres."""
 NOWHERE_M = 1e6
 """Place of a body that does not exist: a tag that has joined by mistake is a wrong id."""
 
-MISNAMED_M = BODY_RADIUS_M
+MISNAMED_M = EPUCK.radius_m
 """A named marker farther than a robot's radius from that robot's true place is a wrong id."""
 
 

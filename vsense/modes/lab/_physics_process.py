@@ -11,11 +11,13 @@
      "directory": "run directory", "seed": 1, "watchdog": false, "permille": 1000,
      "wheels": [null, {"relative": [0.05, 0.05], ...}, ...],
      "built": [[1.02, 0.97, 0.0535], ...],
-     "sensors": [{"gains": [1.1, ...], ...}, ...], "black": [[0.5, 0.2, 0.05], ...]}
+     "sensors": [{"gains": [1.1, ...], ...}, ...], "black": [[0.5, 0.2, 0.05], ...],
+     "models": ["path of a robot model", ...]}
 
 `wheels` are `WheelNoise` by index, null: none; `built` how robots are built, as `Physics` takes it,
 by index; `sensors` are `SensorHardware` by index, `black` discs on the floor: x, y, radius; with
-them robots on a bus have ground boards. There may be none of these lists. `permille` is the clock's
+them robots on a bus have ground boards; `models` are those of robots by index, then of objects:
+without, they are e-pucks. There may be none of these lists. `permille` is the clock's
 pace, as in `vsense.base.clock.slow`.
 
 It answers with one line of JSON, `{"bases": ["argos:/dev/pts/3", ...], "epoch_ns": ...}`: where the
@@ -60,6 +62,7 @@ from vsense.modes.lab.hardware import RobotHardware, bases_of
 from vsense.modes.lab.truth import TruthWriter
 from vsense.world.physics.motion import TICK_NS, NoisyWheels, Physics, obstacles
 from vsense.world.physics.proximity_ring import ProximityRing
+from vsense.world.robot_models import RING_SENSORS
 
 FLUSH_TICKS = 10
 """The log is written to disk ten times per second."""
@@ -76,14 +79,15 @@ class PhysicsProcess:
         """
         self.controllers = Microcontrollers(spec.bases, spec.watchdog, bool(spec.black))
         self._physics = Physics(
-            spec.robots, spec.objects, spec.boxes, now_ns, spec.cylinders, spec.built
+            spec.robots, spec.objects, spec.boxes, now_ns, spec.cylinders, spec.built, spec.models
         )
         sensors = spec.sensors or [NOMINAL_SENSORS] * len(spec.robots)
         built = [np.array([getattr(s, n) for s in sensors]) for n in ("gains", "biases")]
-        given = built if spec.sensors else []
-        self._rings = ProximityRing(self._physics.near, spec.seed, *given)
+        gains, biases = built if spec.sensors else (None, np.zeros((0, RING_SENSORS)))
+        models = self._physics.models[: len(spec.robots)]
+        self._rings = ProximityRing(self._physics.near, spec.seed, gains, biases, models)
         self._ground = RealGround(spec.black, sensors, spec.seed) if spec.black else None
-        self._wheels = NoisyWheels(spec.wheels, spec.seed)
+        self._wheels = NoisyWheels(spec.wheels, spec.seed, models)
         self._leds = np.zeros(len(self._physics.poses), dtype=np.uint16)
         self._log = ActuationLog(spec.log)
         self._truth = TruthWriter(spec.truth, len(self._physics.poses))
@@ -308,7 +312,7 @@ def _spec(
     black: Sequence[tuple[float, float, float]] = (),
 ) -> dict[str, object]:
     """The process's spec; see the module."""
-    boxes, cylinders = obstacles(experiment.boxes, experiment.cylinders)
+    boxes, cylinders = obstacles(experiment.boxes, experiment.cylinders, experiment.tallest_m)
     ours = [hardware[robot.tag] for robot in experiment.robots if hardware]
     built = [body.for_physics() for body in ours]
     sensors = [asdict(body.sensors) for body in ours if body.sensors is not None]
@@ -320,6 +324,7 @@ def _spec(
         "objects": [{"tag": thing.tag, **_pose(thing)} for thing in experiment.objects],
         "boxes": [dict(zip(BOX, box)) for box in boxes.tolist()],
         "cylinders": [dict(zip(CYLINDER, cylinder)) for cylinder in cylinders.tolist()],
+        "models": [str(body.model.file) for body in experiment.bodies],
         "truth": truth,
         "log": str(log),
         "directory": str(log.parent),

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from vsense.base.errors import UsageError
 from vsense.modes.lab._real_sensors import SensorHardware, read_sensors
 from vsense.world.physics.motion import WheelNoise
+from vsense.world.robot_models import RobotModel, read_model
 
 POSE_COLUMNS = ("x_m", "y_m", "yaw_rad")
 BOX = (*POSE_COLUMNS, "size_x_m", "size_y_m")
@@ -44,6 +45,7 @@ class PhysicsSpec:
     built: NDArray[np.float64] | None = None
     sensors: Sequence[SensorHardware] = ()
     black: Sequence[Sequence[float]] = ()
+    models: Sequence[RobotModel] = ()
 
     @classmethod
     def parse(cls, line: bytes) -> PhysicsSpec:
@@ -81,6 +83,7 @@ class PhysicsSpec:
             _built(spec, len(robots)),
             read_sensors(spec["sensors"], len(robots)) if "sensors" in spec else (),
             _black(spec),
+            [read_model(Path(file)) for file in spec.get("models", ())],
         )
 
 

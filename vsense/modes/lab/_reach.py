@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from vsense.config.specs import Experiment
 from vsense.modes.lab._backdrop import Block
-from vsense.world.entities import BODY_HEIGHT_M, BODY_RADIUS_M, Arena, Box, Cylinder
+from vsense.world.entities import Arena, Box, Cylinder
+from vsense.world.robot_models import EPUCK
 from vsense.world.world import World
 
 _CELL_M = 0.01
@@ -60,8 +61,8 @@ def drawn(world: World, arena: Arena, poses: NDArray[np.float64]) -> Arena:
     beside = np.stack((virtual["x_m"], virtual["y_m"]), axis=-1)
     places = np.concatenate((poses[..., :2].reshape(-1, 2), beside))
     half = np.array(part.size_m[:2]) / 2.0
-    low = np.minimum(_corner(part), places.min(axis=0) - BODY_RADIUS_M)
-    high = np.maximum(_corner(part) + 2.0 * half, places.max(axis=0) + BODY_RADIUS_M)
+    low = np.minimum(_corner(part), places.min(axis=0) - EPUCK.radius_m)
+    high = np.maximum(_corner(part) + 2.0 * half, places.max(axis=0) + EPUCK.radius_m)
     return _within(arena, low - _BORDER_M, high + _BORDER_M)
 
 
@@ -78,9 +79,9 @@ def _reached(
     rows, columns = np.nonzero(np.isin(regions, list(here - {0})))
     if not len(rows):
         return arena
-    low = _corner(arena) + np.array((columns.min(), rows.min())) * cell_m - BODY_RADIUS_M
+    low = _corner(arena) + np.array((columns.min(), rows.min())) * cell_m - EPUCK.radius_m
     high = _corner(arena) + np.array((columns.max() + 1, rows.max() + 1)) * cell_m
-    return _within(arena, low, high + BODY_RADIUS_M)
+    return _within(arena, low, high + EPUCK.radius_m)
 
 
 def _corner(arena: Arena) -> NDArray[np.float64]:
@@ -101,11 +102,11 @@ def _free(arena: Arena, solids: Sequence[Box | Cylinder], cell_m: float) -> NDAr
     columns, rows = (max(1, math.ceil(size_m / cell_m)) for size_m in arena.size_m[:2])
     solid = np.zeros((rows, columns), dtype=np.uint8)
     for thing in solids:
-        if thing.position_m[2] < BODY_HEIGHT_M:
+        if thing.position_m[2] < EPUCK.height_m:
             outline = Block.of(thing).outline()
             cells = np.rint((outline - _corner(arena)) / cell_m - 0.5).astype(np.int32)
             cv2.fillPoly(solid, [cells], 1)
-    reach = max(0, round((BODY_RADIUS_M - _PASSAGE_M) / cell_m))
+    reach = max(0, round((EPUCK.radius_m - _PASSAGE_M) / cell_m))
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
     return np.asarray(1 - cv2.dilate(solid, disc), dtype=np.uint8)
 
@@ -115,7 +116,7 @@ def _cells(
 ) -> Iterator[tuple[int, int]]:
     """The free cells around a start: a robot that touches a wall stands in none itself."""
     column, row = ((np.array(start) - _corner(arena)) / cell_m).astype(int).tolist()
-    around = math.ceil(BODY_RADIUS_M / cell_m)
+    around = math.ceil(EPUCK.radius_m / cell_m)
     rows, columns = free.shape
     for y in range(max(0, row - around), min(rows, row + around + 1)):
         for x in range(max(0, column - around), min(columns, column + around + 1)):

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vsense.base.errors import UsageError
 from vsense.modes.lab._links import GROUND_RAW
-from vsense.world.physics.proximity_ring import TABLE_M, TABLE_RAW
+from vsense.world.robot_models import EPUCK
 
 Floats = NDArray[np.float64]
 
@@ -28,12 +28,12 @@ GROUND_NOISE_RAW = 3.0
 BIAS_RAW = 300.0
 """Of a sensor whose gain may be 100 % off: a fifth of it at 20 %."""
 
-NOTHING_RAW = float(TABLE_RAW[-1])
-WALL_RAW = float(TABLE_RAW[TABLE_M == 0.01][0])
+NOTHING_RAW = EPUCK.ring.table_raw[-1]
+WALL_RAW = EPUCK.ring.table_raw[EPUCK.ring.table_m.index(0.01)]
 """What vsensed makes of a robot's own readings: nothing near, and a white wall 1 cm ahead.
 Source: the table of Webots' e-puck, as in `calibration.h`."""
 
-PLACES_M = np.array([(0.030, 0.009), (0.030, 0.0), (0.030, -0.009)])
+PLACES_M = np.array(EPUCK.ground_m)
 """(3, 2) of the ground sensors left, centre, right in the robot's frame. Source: epuck.md 6."""
 
 

@@ -164,7 +164,7 @@ class Session(ExperimentSession):
         experiment = self.experiment
         # Who may be put in between runs is known as soon as it is seen.
         tags = (*self._tags, *spares_for(experiment))
-        heights = dict.fromkeys(tags, experiment.marker.height_m)
+        heights = {tag: experiment.marker_height_m(tag) for tag in tags}
         family = load_family(experiment.marker.family)
         offsets = self.robots.markers
         tracker = ArenaTracker.for_family(self.cameras, family, heights, offsets=offsets)

@@ -28,7 +28,7 @@ from vsense.vision.calibration.checked import of_tracking
 from vsense.vision.cameras.grabber import Troubles
 from vsense.vision.tracking.opening import masks_px
 from vsense.vision.tracking.specs import TrackingSession
-from vsense.world.entities import BODY_RADIUS_M
+from vsense.world.robot_models import EPUCK
 
 VIEW_MARGIN_M = 0.3
 """What is shown around the cameras' places: no file says how large the arena is."""
@@ -164,7 +164,8 @@ class TrackRoom:
             robots=[{"tag": t, "name": str(t), "height_m": h} for t, h in heights_m],
             cameras=messages.cameras(cameras, trackers, masks_px(session)),
             calibration=of_tracking(session),
-            body_radius_m=BODY_RADIUS_M,
+            body_radius_m=EPUCK.radius_m,
+            body_height_m=EPUCK.height_m,
         ).data()
 
 

@@ -108,9 +108,9 @@ class Simulation:
         self.gate: Callable[[int], int] = lambda run_timestep: MAX_TIMESTEPS
         self._dt_ns, self._source = experiment.timestep_ns, experiment.source
         self._physics = physics_of(experiment, EPOCH_NS)
-        self._rings = ProximityRing(self._physics.near, seed)
+        self._rings = ProximityRing(self._physics.near, seed, models=self._physics.models)
         self._tracker = SimulatedTracker((*self.record.tags, *self.record.object_tags), seed)
-        self._slip = NoisyWheels(experiment.wheel_noises, seed)
+        self._slip = NoisyWheels(experiment.wheel_noises, seed, self._physics.models)
         self._robots = host.robots or host.opened(self.environment.tables)
         self._driven, self._leds = self._robots.wheels_steps_s.copy(), self._robots.leds.copy()
         self._reports, self._events, self._now_ns = dict[int, bytes](), list[_Event](), EPOCH_NS
@@ -258,7 +258,10 @@ class Simulation:
         self._standing = standing
         robots, boxes, cylinders = len(self.record.tags), *standing
         poses, now_ns = self._physics.poses, max(self._now_ns, EPOCH_NS)
-        self._physics = Physics(poses[:robots], poses[robots:], boxes, now_ns, cylinders)
+        models = self._physics.models
+        self._physics = Physics(
+            poses[:robots], poses[robots:], boxes, now_ns, cylinders, models=models
+        )
         self._physics.drive_all(self._driven, now_ns)
         self._rings.near = self._physics.near
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from vsense.monitor.foxglove import _shapes
 from vsense.monitor.foxglove._shapes import ARENA_FRAME, Data, Rgba
 from vsense.vision.cameras.camera import Camera
-from vsense.world.entities import BODY_RADIUS_M
+from vsense.world.robot_models import EPUCK
 
 _RING: Rgba = (0.1, 0.9, 0.3, 1.0)
 _TEXT: Rgba = (1.0, 1.0, 1.0, 1.0)
@@ -111,7 +111,7 @@ def _arms(
     yaw = np.asarray(images["yaw_rad"], dtype=np.float64)
     middles = np.column_stack((images["x_m"], images["y_m"], heights_m)).astype(np.float64)
     flat = np.zeros_like(yaw)
-    edges = middles + BODY_RADIUS_M * np.column_stack((np.cos(yaw), np.sin(yaw), flat))
+    edges = middles + EPUCK.radius_m * np.column_stack((np.cos(yaw), np.sin(yaw), flat))
     return camera.project(edges) - camera.project(middles)
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from vsense.monitor.foxglove import _shapes
 from vsense.monitor.foxglove._shapes import ARENA_FRAME, Data, Rgba
-from vsense.world.entities import BODY_HEIGHT_M, BODY_RADIUS_M
+from vsense.world.robot_models import EPUCK
 
 _WALL: Rgba = (0.55, 0.55, 0.58, 1.0)
 _VIRTUAL: Rgba = (0.45, 0.6, 0.95, 0.5)
@@ -129,9 +129,9 @@ def _zone(thing: Mapping[str, Any]) -> Pieces:
 def _robot(thing: Mapping[str, Any]) -> Pieces:
     x_m, y_m = thing["x_m"], thing["y_m"]
     return {
-        "cylinders": [_shapes.cylinder((x_m, y_m, 0.0), BODY_RADIUS_M, BODY_HEIGHT_M, _VIRTUAL)],
-        "arrows": [_heading((x_m, y_m, BODY_HEIGHT_M), thing["yaw_rad"])],
-        "texts": [_name(thing, (x_m, y_m, 1.5 * BODY_HEIGHT_M))],
+        "cylinders": [_shapes.cylinder((x_m, y_m, 0.0), EPUCK.radius_m, EPUCK.height_m, _VIRTUAL)],
+        "arrows": [_heading((x_m, y_m, EPUCK.height_m), thing["yaw_rad"])],
+        "texts": [_name(thing, (x_m, y_m, 1.5 * EPUCK.height_m))],
     }
 
 
@@ -144,7 +144,7 @@ def _name(thing: Mapping[str, Any], place: _shapes.Coordinates) -> Data:
 
 def _heading(middle: _shapes.Coordinates, yaw_rad: float) -> Data:
     """An arrow from the middle of a body's top to its edge."""
-    return _shapes.arrow(middle, yaw_rad, BODY_RADIUS_M, _HEADING)
+    return _shapes.arrow(middle, yaw_rad, EPUCK.radius_m, _HEADING)
 
 
 def robots(
@@ -163,9 +163,9 @@ def robots(
     entities = []
     for tag, is_seen in seen.items():
         rgba = (_OBJECT if tag in things else _BODY) if is_seen else _UNSEEN
-        top_m = height_m.get(tag) or BODY_HEIGHT_M
+        top_m = height_m.get(tag) or EPUCK.height_m
         pieces = {
-            "cylinders": [_shapes.cylinder((0.0, 0.0, 0.0), BODY_RADIUS_M, top_m, rgba)],
+            "cylinders": [_shapes.cylinder((0.0, 0.0, 0.0), EPUCK.radius_m, top_m, rgba)],
             "arrows": [_heading((0.0, 0.0, top_m), 0.0)],
             "texts": [_shapes.label((0.0, 0.0, 1.5 * top_m), names.get(tag, str(tag)), _TEXT)],
         }
@@ -184,15 +184,15 @@ def leds(lit: Mapping[int, int], virtual: Mapping[int, Sequence[float]], utc_ns:
         for number in range(_RING):
             if bits >> number & 1:
                 turn = -2.0 * math.pi * number / _RING
-                place = (math.cos(turn) * BODY_RADIUS_M, math.sin(turn) * BODY_RADIUS_M, 0.05)
+                place = (math.cos(turn) * EPUCK.radius_m, math.sin(turn) * EPUCK.radius_m, 0.05)
                 balls.append(_shapes.sphere(place, _LED_M, _RED))
         if bits >> _RING & 1:
-            balls.append(_shapes.sphere((0.0, 0.0, 0.03), 2.1 * BODY_RADIUS_M, (*_GREEN[:3], 0.4)))
+            balls.append(_shapes.sphere((0.0, 0.0, 0.03), 2.1 * EPUCK.radius_m, (*_GREEN[:3], 0.4)))
         if bits >> (_RING + 1) & 1:
-            balls.append(_shapes.sphere((BODY_RADIUS_M, 0.0, 0.03), _LED_M, _RED))
+            balls.append(_shapes.sphere((EPUCK.radius_m, 0.0, 0.03), _LED_M, _RED))
         if tag in virtual:
             rgba = _shapes.from_bytes(virtual[tag])
-            balls.append(_shapes.sphere((0.0, 0.0, BODY_HEIGHT_M), 2.0 * _LED_M, rgba))
+            balls.append(_shapes.sphere((0.0, 0.0, EPUCK.height_m), 2.0 * _LED_M, rgba))
         if balls:
             frame = _shapes.robot_frame(tag)
             entities.append(_shapes.entity(utc_ns, frame, f"LEDs of {tag}", spheres=balls))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from vsense.base.canvas import INK, MUTED, Canvas, Colour, Floats, Image, width_of
 from vsense.monitor.pictures._projections import Projection, upright
 from vsense.monitor.pictures._world_snapshot import Lamp, Patch, Solid, WorldSnapshot
-from vsense.world.entities import BODY_HEIGHT_M, BODY_RADIUS_M
+from vsense.world.robot_models import EPUCK
 
 CONE: Colour = (60, 140, 245)
 LIT: Colour = (48, 48, 226)
@@ -74,6 +74,7 @@ class ArenaMoment:
         lit: (n,) whether each robot's red LEDs are on.
         trails: (t, n, 2) earlier places of the robots, the oldest first; may be empty.
         heights_m: (n,) of the robots' tops, which cameras see; None: as e-pucks are high.
+        radii_m: (n,) of the robots; None: e-pucks.
         names: of the robots, to be written beside them; none or all.
         objects: (k, 2) places of the tagged objects that are no robots.
         senses: what one of the robots senses, or None.
@@ -87,6 +88,7 @@ class ArenaMoment:
     lit: NDArray[np.bool_]
     trails: Floats
     heights_m: Floats | None = None
+    radii_m: Floats | None = None
     names: Sequence[str] = ()
     objects: Floats | None = None
     senses: Senses | None = None
@@ -94,8 +96,14 @@ class ArenaMoment:
     @property
     def tops_m(self) -> Floats:
         """(n,) heights of the robots' tops."""
-        usual = np.full(len(self.poses), BODY_HEIGHT_M)
+        usual = np.full(len(self.poses), EPUCK.height_m)
         return usual if self.heights_m is None else self.heights_m
+
+    @property
+    def rims_m(self) -> Floats:
+        """(n,) radii of the robots."""
+        usual = np.full(len(self.poses), EPUCK.radius_m)
+        return usual if self.radii_m is None else self.radii_m
 
 
 def draw_ground(canvas: Canvas, snapshot: WorldSnapshot, view: Projection) -> None:
@@ -234,28 +242,35 @@ def _robots(canvas: Canvas, moment: ArenaMoment, view: Projection) -> None:
         for piece in view.line(upright(moment.trails[:, robot], 0.0)):
             canvas.lines(piece, TRAIL, 1.0)
     for place in () if moment.objects is None else moment.objects:
-        square = place + 0.5 * BODY_RADIUS_M * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-        _marked(canvas, view, square, 0.0 if view.flat else BODY_HEIGHT_M, BODY_RADIUS_M)
-    for pose, top_m, lit, virtual in zip(poses, tops, moment.lit, moment.snapshot.leds):
+        square = place + 0.5 * EPUCK.radius_m * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+        _marked(canvas, view, square, 0.0 if view.flat else EPUCK.height_m, EPUCK.radius_m)
+    rows = zip(poses, tops, moment.rims_m, moment.lit, moment.snapshot.leds)
+    for pose, top_m, body_m, lit, virtual in rows:
         spot = view.spot(np.array([*pose[:2], top_m]))
         if spot is None:
             continue
-        at, radius = spot[0], BODY_RADIUS_M * spot[1]
+        at, radius = spot[0], body_m * spot[1]
         if lit:
             canvas.glow(at, 1.9 * radius, LIT, 0.30)
         if virtual.any():
             red, green, blue = (int(value) for value in virtual)
             canvas.glow(at, 1.5 * radius, (blue, green, red), 0.6)
         usual = DARK if view.flat else SEEN
-        _robot(canvas, pose, top_m, view, LIT if lit else usual, radius)
+        _robot(canvas, pose, (top_m, body_m), view, LIT if lit else usual, radius)
 
 
 def _robot(
-    canvas: Canvas, pose: Floats, top_m: float, view: Projection, colour: Colour, radius: float
+    canvas: Canvas,
+    pose: Floats,
+    body: tuple[float, float],
+    view: Projection,
+    colour: Colour,
+    radius: float,
 ) -> None:
-    """Draws a ring and a heading; `radius` [px] says how thick."""
-    tip = pose[:2] + 2.1 * BODY_RADIUS_M * np.array([np.cos(pose[2]), np.sin(pose[2])])
-    rim = pose[:2] + BODY_RADIUS_M * _RIM
+    """Draws a ring and a heading; `body`: its top and radius [m]; `radius` [px] says how thick."""
+    top_m, body_m = body
+    tip = pose[:2] + 2.1 * body_m * np.array([np.cos(pose[2]), np.sin(pose[2])])
+    rim = pose[:2] + body_m * _RIM
     _outline(canvas, view, upright(rim, top_m), colour, float(np.clip(0.22 * radius, 1.2, 3.0)))
     for piece in view.line(upright(np.array([pose[:2], tip]), top_m)):
         canvas.lines(piece, colour, float(np.clip(0.18 * radius, 1.2, 2.0)))
@@ -263,37 +278,39 @@ def _robot(
 
 def _virtual_robot(canvas: Canvas, pose: Floats, view: Projection) -> None:
     """Draws a body that nobody sees: where it stands, and its top."""
-    rim = pose[:2] + BODY_RADIUS_M * _RIM
-    top_m = 0.0 if view.flat else BODY_HEIGHT_M
+    rim = pose[:2] + EPUCK.radius_m * _RIM
+    top_m = 0.0 if view.flat else EPUCK.height_m
     canvas.fill(view.area(upright(rim, 0.0)), VIRTUAL_ROBOT, 0.35)
     if not view.flat:
         canvas.fill(view.area(upright(rim, top_m)), VIRTUAL_ROBOT, 0.35)
         _edges(canvas, Solid(rim, 0.0, top_m), view, VIRTUAL_ROBOT, 1.0)
     spot = view.spot(np.array([*pose[:2], top_m]))
     if spot is not None:
-        _robot(canvas, pose, top_m, view, VIRTUAL_ROBOT, BODY_RADIUS_M * spot[1])
+        body = top_m, EPUCK.radius_m
+        _robot(canvas, pose, body, view, VIRTUAL_ROBOT, EPUCK.radius_m * spot[1])
 
 
 def _senses(canvas: Canvas, moment: ArenaMoment, senses: Senses, view: Projection) -> None:
     """Draws what a robot senses: rays from its rim, and words below it."""
     pose, top_m = moment.poses[senses.robot], moment.tops_m[senses.robot]
+    body_m = moment.rims_m[senses.robot]
     colours = RAYS if view.flat else _LIGHT_RAYS
     for number, (angles, shares) in enumerate(senses.rays):
         # Several sensors that look the same way stand side by side.
         turns = pose[2] + angles + 0.05 * number
         ways = np.stack((np.cos(turns), np.sin(turns)), axis=-1)
-        reach = BODY_RADIUS_M + (_RAY_M - BODY_RADIUS_M) * np.clip(shares, 0.0, 1.0)
+        reach = body_m + (_RAY_M - body_m) * np.clip(shares, 0.0, 1.0)
         for way, far in zip(ways, reach):
-            ends = pose[:2] + np.outer((BODY_RADIUS_M, far), way)
+            ends = pose[:2] + np.outer((body_m, far), way)
             for piece in view.line(upright(ends, top_m)):
                 canvas.lines(piece, colours[number % len(colours)], 2.5)
     _outline(
-        canvas, view, upright(pose[:2] + 2.6 * BODY_RADIUS_M * _RIM, top_m),
+        canvas, view, upright(pose[:2] + 2.6 * body_m * _RIM, top_m),
         INK if view.flat else _WHITE, 1.5,
     )  # fmt: skip
     spot = view.spot(np.array([*pose[:2], top_m]))
     if spot is not None:
-        at = spot[0] + (0.0, 2.6 * BODY_RADIUS_M * spot[1] + 14.0)
+        at = spot[0] + (0.0, 2.6 * body_m * spot[1] + 14.0)
         for line, word in enumerate(senses.words):
             below = at + np.array([0.0, 16.0 * line])
             _in_the_middle(canvas, word, below, INK if view.flat else _WHITE, 0.45, view)
@@ -303,9 +320,10 @@ def _names(canvas: Canvas, moment: ArenaMoment, view: Projection) -> None:
     """Writes names beside the robots, each where it covers no other name, if possible."""
     taken: list[tuple[Floats, Floats]] = []
     colour = INK if view.flat else _WHITE
-    for pose, top_m, name in zip(moment.poses, moment.tops_m, moment.names):
+    rows = zip(moment.poses, moment.tops_m, moment.rims_m, moment.names)
+    for pose, top_m, body_m, name in rows:
         spot = view.spot(np.array([*pose[:2], top_m]))
-        radius = 0.0 if spot is None else BODY_RADIUS_M * spot[1]
+        radius = 0.0 if spot is None else body_m * spot[1]
         if spot is None or radius < _NAMED_PX:
             continue
         size = np.array([width_of(name, _NAME, canvas.scale), 11.0])

@@ -146,9 +146,8 @@ def _moment(
     scene = _scene(run, shown, words, snapshot.within(part))
     if cameras is None or seen is None:
         return scene, None
-    view = cameras.top_view(seen, part, VIEW_PX)
     grid = cameras.grid(seen, replace(scene, trails=np.empty(0)), VIEW_PX)
-    return replace(scene, view=view), grid
+    return replace(scene, view=cameras.top_view(seen, part, VIEW_PX)), grid
 
 
 def _scene(run: RunFigure, timestep: int, words: str, snapshot: WorldSnapshot) -> ArenaMoment:
@@ -166,7 +165,8 @@ def _scene(run: RunFigure, timestep: int, words: str, snapshot: WorldSnapshot) -
         poses=poses,
         lit=run.lit[row],
         trails=run.poses[first : row + 1, :, :2] - middle[:2],
-        heights_m=np.full(len(poses), experiment.marker.height_m),
+        heights_m=np.array([experiment.marker_height_m(r.tag) for r in experiment.robots]),
+        radii_m=np.array([robot.model.radius_m for robot in experiment.robots]),
     )
 
 
@@ -189,7 +189,8 @@ def draw_arena(
         poses=poses - middle,
         lit=lit,
         trails=np.empty((0, len(poses), 2)),
-        heights_m=np.full(len(poses), experiment.marker.height_m),
+        heights_m=np.array([experiment.marker_height_m(r.tag) for r in experiment.robots]),
+        radii_m=np.array([robot.model.radius_m for robot in experiment.robots]),
     )
     return _arena_view.draw(moment, width_px, scale=1)
 

@@ -26,7 +26,6 @@ from vsense.monitor.recording.form import ExperimentMessage
 from vsense.monitor.recording.measures import count_swarm
 from vsense.robots.link.status import RING_LEDS
 from vsense.world.entities import (
-    BODY_HEIGHT_M,
     Arena,
     Box,
     Cylinder,
@@ -38,6 +37,7 @@ from vsense.world.entities import (
     Zone,
 )
 from vsense.world.fields import Floor
+from vsense.world.robot_models import EPUCK
 
 DAMAGED = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError, WorldError)
 """What a damaged message raises."""
@@ -82,6 +82,7 @@ class RecordedScenes:
         self._timestep_s = facts.timestep_s or 0.0
         self._before, self._newest = (-1, 0), -1
         self._heights = {r["tag"]: float(r["height_m"]) for r in facts.robots if "height_m" in r}
+        self._radii = {r["tag"]: float(r["radius_m"]) for r in facts.robots if "radius_m" in r}
         self._objects = {thing.get("tag") for thing in facts.objects}
         self._entities: list[Entity] = []
         self._floor: Any = None
@@ -173,7 +174,8 @@ class RecordedScenes:
             poses=poses - middle,
             lit=lit,
             trails=self._ways(tags) - middle[:2],
-            heights_m=np.array([self._heights.get(tag, BODY_HEIGHT_M) for tag in tags]),
+            heights_m=np.array([self._heights.get(tag, EPUCK.height_m) for tag in tags]),
+            radii_m=np.array([self._radii.get(tag, EPUCK.radius_m) for tag in tags]),
             names=[str(tag) for tag in tags],
             objects=np.array(things, np.float64).reshape(-1, 2) - middle[:2],
             senses=self._senses(tags),

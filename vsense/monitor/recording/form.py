@@ -265,6 +265,7 @@ class ExperimentMessage(_Message):
     cameras: list[Data] = field(default_factory=list)
     calibration: Data | None = None
     body_radius_m: float | None = None
+    body_height_m: float | None = None
 
     def controller_of(self) -> dict[int, int]:
         """Which of `controllers` drives a robot, by its tag; the first one drives those not in it.

@@ -17,15 +17,16 @@ import cv2
 import numpy as np
 
 import vsense
-from vsense.config.specs import ControllerSpec, Experiment
+from vsense.config.specs import ControllerSpec, Experiment, ObjectSpec, RobotSpec
 from vsense.monitor.pictures._camera_view import as_they_hang
 from vsense.monitor.recording.form import PART_COLUMNS, Data, ExperimentMessage
 from vsense.robots.link.table import Direction, Entry
 from vsense.run.environment import Environment, Equipment
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.cameras.grabber import Troubles
-from vsense.world.entities import BODY_RADIUS_M, Entity
+from vsense.world.entities import Entity
 from vsense.world.fields import Field, Floor
+from vsense.world.robot_models import EPUCK
 from vsense.world.sensors.base import VirtualSensor, layout_dtype
 from vsense.world.world import World
 
@@ -180,16 +181,18 @@ def experiment(facts: ExperimentFacts, environment: Environment) -> Data:
             "centre_m": list(arena.centre_m),
             **_fence(facts, spec),
         },
-        robots=[
-            {"tag": robot.tag, "name": robot.id, "height_m": spec.marker.height_m}
-            for robot in spec.robots
-        ],
-        objects=[{"tag": thing.tag, "name": thing.id} for thing in spec.objects],
+        robots=[_body(r) | {"height_m": spec.marker_height_m(r.tag)} for r in spec.robots],
+        objects=[_body(thing) for thing in spec.objects],
         controllers=[_controller(*which) for which in zip(spec.controllers, environment.equipment)],
         cameras=cameras(facts.cameras, facts.trackers, facts.masks),
         calibration=facts.calibration,
-        body_radius_m=BODY_RADIUS_M,
+        body_radius_m=EPUCK.radius_m,
+        body_height_m=EPUCK.height_m,
     ).data()
+
+
+def _body(body: RobotSpec | ObjectSpec) -> Data:
+    return {"tag": body.tag, "name": body.id, "radius_m": body.model.radius_m}
 
 
 def _fence(facts: ExperimentFacts, spec: Experiment) -> Data:

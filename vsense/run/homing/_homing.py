@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Hashable, Mapping
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,17 +21,17 @@ from vsense.run.homing._motion import MAX_M_S, braked_m_s, carrot_m, in_frame
 from vsense.run.homing._traffic import Decision, Traffic, decide
 from vsense.run.homing.floor import DrivingFloor
 from vsense.run.homing.robots import LIMITS, Arrival, HomingLimits, Traveller, Trouble
-from vsense.world.entities import BODY_RADIUS_M
+from vsense.world.robot_models import EPUCK
 
 Floats = NDArray[np.float64]
 
-ROBOT_SPACING_M = 2.0 * BODY_RADIUS_M + 0.018
+ROBOT_SPACING_M = 2.0 * EPUCK.radius_m + 0.018
 """Distance of two robots' centres; less where their homes are nearer to each other."""
-MIN_SPACING_M = 2.0 * BODY_RADIUS_M + 0.003
+MIN_SPACING_M = 2.0 * EPUCK.radius_m + 0.003
 """The least distance of two centres."""
 EXTRA_STANDING_M, EXTRA_UNSEEN_M = 0.01, 0.03
 """Added to the distance from robots that cannot move, and from those that are not seen."""
-WALL_GAP_M = BODY_RADIUS_M + 0.012
+WALL_GAP_M = EPUCK.radius_m + 0.012
 """Distance of a centre from walls; less where its home is nearer."""
 YIELD_M_S = 0.06
 """The speed with which a robot at its home makes way for others."""
@@ -78,6 +79,10 @@ class Homing:
         self.done = False
         self.news: list[str] = []
         self._kinds, self._floor, self._limits = dict(kinds), floor, limits
+        # How much more room the largest robot takes than an e-puck.
+        wider_m = 2.0 * (floor.radius_m - EPUCK.radius_m)
+        self._spacing_m, self._least_m = ROBOT_SPACING_M + wider_m, MIN_SPACING_M + wider_m
+        self._gap_m = WALL_GAP_M + wider_m / 2.0
         self._begun_ns: int | None = None
         self._newest_ns = self._spent_ns = 0
         self._assigned_for: frozenset[int] | None = None
@@ -232,12 +237,12 @@ class Homing:
         lengths_m = dict[tuple[Pose, Pose], float]()
 
         def measure(place: Pose, home: Pose) -> float:
-            if any(straight_m(home, other) < MIN_SPACING_M for other in taken):
+            if any(straight_m(home, other) < self._least_m for other in taken):
                 return math.inf
             if self._floor.is_open:
                 return straight_m(place, home)
             if (place, home) not in lengths_m:
-                way = self._floor.way(place[:2], home[:2], WALL_GAP_M)
+                way = self._floor.way(place[:2], home[:2], self._gap_m)
                 points = [place[:2], *(way or [])]
                 length_m = sum(map(math.dist, points, points[1:]))
                 lengths_m[place, home] = length_m if way else math.inf
@@ -283,7 +288,7 @@ class Homing:
             reach_m=np.where(ends, [min(r.left_m, 1e3) for r in robots], math.inf),
             order=order,
             apart_m=self._apart_m(robots, np.where(moves[:, np.newaxis], homes, poses[:, :2])),
-            room_m=np.minimum(WALL_GAP_M, self._floor.clearance_m(homes) - 0.003),
+            room_m=np.minimum(self._gap_m, self._floor.clearance_m(homes) - 0.003),
             headings=self._headings,
             driven=self._driven,
         )
@@ -292,8 +297,7 @@ class Homing:
         """The key of the order of decisions: waiting time, then length of path; home comes last."""
         return robot.near, -robot.priority, self._rank.get(robot.tag, 0)
 
-    @staticmethod
-    def _apart_m(robots: list[Traveller], ends: Floats) -> Floats:
+    def _apart_m(self, robots: list[Traveller], ends: Floats) -> Floats:
         """(n, n) distances of centres; `ends` (n, 2) is where each is going to stand."""
         away = ends[:, np.newaxis] - ends[np.newaxis]
         between = np.hypot(away[..., 0], away[..., 1]) - 0.004
@@ -302,12 +306,12 @@ class Homing:
             0.0 if r.moves else EXTRA_UNSEEN_M if r.trouble is Trouble.UNSEEN else EXTRA_STANDING_M
             for r in robots
         ]
-        wanted = ROBOT_SPACING_M + np.maximum(*np.meshgrid(more, more))
-        return np.asarray(np.maximum(np.minimum(wanted, between), MIN_SPACING_M))
+        wanted = self._spacing_m + np.maximum(*np.meshgrid(more, more))
+        return np.asarray(np.maximum(np.minimum(wanted, between), self._least_m))
 
     def _discs(self, now_ns: int, but: Traveller | None = None) -> Floats:
         """(k, 3) obstacles for paths: robots that cannot move; for robot `but` all that stand."""
-        wide_m = ROBOT_SPACING_M + EXTRA_STANDING_M - WALL_GAP_M + 0.01
+        wide_m = self._spacing_m + EXTRA_STANDING_M - self._gap_m + 0.01
         rows = [
             (*r.pose[:2], wide_m)
             for r in self._all
@@ -343,13 +347,14 @@ class Homing:
         """Plans a path, unless the present one is clear."""
         assert robot.pose is not None
         here, home = robot.pose[:2], robot.home[:2]
-        if robot.way and not replan and self._floor.is_clear(here, robot.way[0], WALL_GAP_M, discs):
-            if len(robot.way) > 1 and self._floor.is_clear(here, robot.way[1], WALL_GAP_M, discs):
+        is_clear = partial(self._floor.is_clear, here, room_m=self._gap_m, discs=discs)
+        if robot.way and not replan and is_clear(robot.way[0]):
+            if len(robot.way) > 1 and is_clear(robot.way[1]):
                 robot.way.pop(0)
             return
-        way = self._floor.way(here, home, WALL_GAP_M, discs)
+        way = self._floor.way(here, home, self._gap_m, discs)
         if way is None and replan:
-            way = self._floor.way(here, home, WALL_GAP_M, self._discs(now_ns))
+            way = self._floor.way(here, home, self._gap_m, self._discs(now_ns))
         if way is None and robot.trouble is Trouble.NONE:
             robot.trouble = Trouble.BLOCKED
             self._hindered_ns[robot.tag] = now_ns

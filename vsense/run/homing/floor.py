@@ -15,8 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from vsense.config.geofence import Geofence
 from vsense.config.specs import Experiment
-from vsense.world.entities import BODY_RADIUS_M, Arena, Box, Cylinder
+from vsense.world.entities import Arena, Box, Cylinder
 from vsense.world.physics.motion import obstacles
+from vsense.world.robot_models import EPUCK
 
 Floats = NDArray[np.float64]
 Point = tuple[float, float]
@@ -39,6 +40,7 @@ class DrivingFloor:
         boxes: (b, 5) x_m, y_m, yaw_rad, size_x_m, size_y_m.
         posts: (c, 3) x_m, y_m, radius_m.
         fence: robots keep inside of it; None: the arena's border is all.
+        radius_m: of the largest robot.
     """
 
     def __init__(
@@ -47,7 +49,9 @@ class DrivingFloor:
         boxes: ArrayLike = (),
         posts: ArrayLike = (),
         fence: Geofence | None = None,
+        radius_m: float = EPUCK.radius_m,
     ) -> None:
+        self.radius_m = radius_m
         self._fence = fence
         self._boxes = np.asarray(boxes, dtype=np.float64).reshape(-1, 5)
         self._posts = np.asarray(posts, dtype=np.float64).reshape(-1, 3)
@@ -65,7 +69,10 @@ class DrivingFloor:
         if virtual_walls:
             boxes = [e for e in experiment.entities if isinstance(e, Box)]
             posts = [e for e in experiment.entities if isinstance(e, Cylinder)]
-        return cls(experiment.arena, *obstacles(boxes, posts), fence=experiment.geofence)
+        models = [robot.model for robot in experiment.robots]
+        largest_m = max([EPUCK.radius_m, *(model.radius_m for model in models)])
+        walls = obstacles(boxes, posts, experiment.tallest_m)
+        return cls(experiment.arena, *walls, fence=experiment.geofence, radius_m=largest_m)
 
     @property
     def is_open(self) -> bool:
@@ -75,7 +82,7 @@ class DrivingFloor:
     def _inner(self) -> NDArray[np.bool_]:
         """Which boxes are no walls along the arena's border."""
         away = np.abs(self._boxes[:, :2] - self._centre) - self._half
-        return np.asarray((away < -2.0 * BODY_RADIUS_M).all(axis=1))
+        return np.asarray((away < -2.0 * self.radius_m).all(axis=1))
 
     def clearance_m(self, points: Floats, discs: Floats = NO_DISCS) -> Floats:
         """How far points are from the nearest wall or disc.
@@ -113,7 +120,7 @@ class DrivingFloor:
         free = self.clearance_m(line, discs)
         needed = np.full(count, room_m)
         for index in (0, -1):
-            near = np.abs(share[:, 0] - share[index, 0]) * length_m < 2.0 * BODY_RADIUS_M
+            near = np.abs(share[:, 0] - share[index, 0]) * length_m < 2.0 * self.radius_m
             needed[near] = np.minimum(needed[near], free[index])
         return bool((free >= needed - 1e-9).all())
 

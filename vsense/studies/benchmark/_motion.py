@@ -35,15 +35,14 @@ from numpy.typing import NDArray
 from vsense.base.arena import wrap_angle
 from vsense.monitor.recording.form import ExperimentMessage, RecordingError
 from vsense.monitor.recording.reader import Recording
-from vsense.world.entities import BODY_RADIUS_M
-from vsense.world.physics.motion import AXLE_M, STEP_M, motor_speed
+from vsense.world.robot_models import EPUCK
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-HINDERED_M = 2.0 * BODY_RADIUS_M + 0.03
+HINDERED_M = 2.0 * EPUCK.radius_m + 0.03
 """Who has another robot so near may be held or pushed by it."""
-AT_WALL_M = BODY_RADIUS_M + 0.05
+AT_WALL_M = EPUCK.radius_m + 0.05
 """Who is so near to the arena's border may be held by a wall, which is 2 cm thick."""
 
 
@@ -62,7 +61,7 @@ class WheelOrders:
     def ways_m(self, times_s: Floats) -> Floats:
         """The ways that nominal wheels would have gone up to some times, (k, 2); NaN: not known."""
         spans = np.diff(self.times_s, append=self.times_s[-1:])[:, None] * self.speeds
-        ways = np.vstack((np.zeros((1, 2)), np.cumsum(spans, axis=0)[:-1])) * STEP_M
+        ways = np.vstack((np.zeros((1, 2)), np.cumsum(spans, axis=0)[:-1])) * EPUCK.step_m
         columns = [np.interp(times_s, self.times_s, ways[:, k], np.nan, np.nan) for k in (0, 1)]
         return np.stack(columns, axis=-1)
 
@@ -175,7 +174,7 @@ class _Gathered:
             if left is not None and tag in self._row:
                 told_ns = time_ns - (heard_ms or 0.0) * 1e6
                 self._orders[self._row[tag]].append(
-                    (told_ns, motor_speed(left), motor_speed(right))
+                    (told_ns, EPUCK.motor_speed(left), EPUCK.motor_speed(right))
                 )
 
     def motion(self) -> RunMotion:
@@ -327,7 +326,7 @@ def _robot(tag: int, table: Floats) -> IdentifiedRobot | None:
         steps=len(table),
         way_over_told=left * (1.0 + ratio) / 2.0,
         right_over_left=ratio if has_turned else None,
-        axle_over_nominal=left / (left_turn * AXLE_M) if has_turned else None,
+        axle_over_nominal=left / (left_turn * EPUCK.axle_m) if has_turned else None,
         forward_noise_mm=1e3 * spread(forward_residuals),
         turn_noise_deg=math.degrees(spread(turn_residuals)),
     )

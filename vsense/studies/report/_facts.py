@@ -8,7 +8,8 @@ from typing import Any
 
 from vsense.monitor.recording import calibration_words
 from vsense.monitor.recording.form import ExperimentMessage
-from vsense.world.entities import BODY_RADIUS_M, Arena
+from vsense.world.entities import Arena
+from vsense.world.robot_models import EPUCK
 
 TIMESTEP_S = 0.1
 """Where a recording does not say how long a timestep is."""
@@ -88,7 +89,7 @@ def read_facts(data: Mapping[str, Any]) -> Facts:
         robots=_names(experiment.robots),
         objects=_names(experiment.objects),
         controllers=_controllers(experiment),
-        body_radius_m=radius_m if radius_m is not None and 0.0 < radius_m < 1.0 else BODY_RADIUS_M,
+        body_radius_m=radius_m if radius_m is not None and 0.0 < radius_m < 1.0 else EPUCK.radius_m,
         file_text=experiment.file_text,
         calibration=calibration_words(experiment.calibration or {}),
     )

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from vsense.base.arena import wrap_angle
 from vsense.base.errors import VsenseError
 from vsense.config.roster_fields import MarkerOffset
-from vsense.world.physics.motion import AXLE_M, STEP_M, WHEEL_DIAMETER_MM, motor_speed
+from vsense.world.robot_models import EPUCK
 
 Floats = NDArray[np.float64]
 
@@ -101,7 +101,7 @@ class MotionFit:
     @property
     def wheel_diameter_mm(self) -> float:
         """The mean of both wheels."""
-        return WHEEL_DIAMETER_MM * (self.left + self.right) / 2.0
+        return (1000.0 * EPUCK.diameter_m) * (self.left + self.right) / 2.0
 
     @property
     def wheel_ratio(self) -> float:
@@ -112,13 +112,13 @@ class MotionFit:
     def sigmas(self) -> dict[str, float]:
         """Standard deviations of what the roster holds, by its names."""
         own = np.sqrt(np.diag(self.covariance))
-        mean = np.array([0.5, 0.5, 0.0, 0.0, 0.0, 0.0]) * WHEEL_DIAMETER_MM
+        mean = np.array([0.5, 0.5, 0.0, 0.0, 0.0, 0.0]) * (1000.0 * EPUCK.diameter_m)
         ratio = np.zeros(_COMMON)
         ratio[:2] = -self.wheel_ratio / self.left, 1.0 / self.left
         return {
             "wheel_diameter_mm": _along(mean, self.covariance),
             "wheel_ratio": _along(ratio, self.covariance),
-            "axle_length_mm": 1000.0 * AXLE_M * float(own[2]),
+            "axle_length_mm": 1000.0 * EPUCK.axle_m * float(own[2]),
             "x_mm": 1000.0 * float(own[3]),
             "y_mm": 1000.0 * float(own[4]),
             "yaw_deg": math.degrees(own[5]),
@@ -186,7 +186,7 @@ class _Problem:
         left, right, axle, x_m, y_m, yaw_rad = self._common.tolist()
         marker = MarkerOffset(x_m, y_m, float(wrap_angle(yaw_rad)))
         return MotionFit(
-            left, right, axle * AXLE_M, marker, covariance, len(errors), rms_m, rms_rad
+            left, right, axle * EPUCK.axle_m, marker, covariance, len(errors), rms_m, rms_rad
         )
 
     def _normal(self) -> tuple[Floats, Floats, list[tuple[Floats, Floats, Floats]]]:
@@ -264,10 +264,10 @@ def _markers(common: Floats, own: Floats, stretch: Stretch, middle_s: float) -> 
     """
     left, right, axle, marker_x, marker_y, marker_yaw = np.moveaxis(common[..., None, :], -1, 0)
     own_x, own_y, own_yaw = np.moveaxis(own[..., None, :], -1, 0)
-    way_left = STEP_M * left * motor_speed(stretch.left_steps_s)
-    way_right = STEP_M * right * motor_speed(stretch.right_steps_s)
+    way_left = EPUCK.step_m * left * EPUCK.motor_speed(stretch.left_steps_s)
+    way_right = EPUCK.step_m * right * EPUCK.motor_speed(stretch.right_steps_s)
     since_s = stretch.times_s - middle_s
-    half = 0.5 * (way_right - way_left) / (axle * AXLE_M) * since_s
+    half = 0.5 * (way_right - way_left) / (axle * EPUCK.axle_m) * since_s
     chord = 0.5 * (way_left + way_right) * since_s * np.sinc(half / np.pi)
     yaw = own_yaw + 2.0 * half
     cos, sin = np.cos(yaw), np.sin(yaw)

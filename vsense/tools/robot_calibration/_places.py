@@ -17,16 +17,17 @@ from vsense.base.errors import UsageError
 from vsense.config.arena import floor_of
 from vsense.config.specs import Experiment
 from vsense.run.homing.floor import DrivingFloor
-from vsense.world.entities import BODY_RADIUS_M, Arena, Box
+from vsense.world.entities import Arena, Box
 from vsense.world.physics.motion import obstacles
+from vsense.world.robot_models import EPUCK
 
 Floats = NDArray[np.float64]
 
-STANDING_M = BODY_RADIUS_M + 0.012
+STANDING_M = EPUCK.radius_m + 0.012
 """Radius that is kept around a robot that stands: markers sit up to some millimetres off."""
 STRAY_M = 0.022
 """A robot may stray so far from the way that it was given."""
-TOUCHING_M = 2.0 * BODY_RADIUS_M + 0.002
+TOUCHING_M = 2.0 * EPUCK.radius_m + 0.002
 """Two robots this near to each other may touch, wherever their markers sit."""
 
 _STEP_M = 0.01
@@ -55,14 +56,14 @@ class Area:
 
 def spot(x_m: float, y_m: float) -> Area:
     """The area of a robot that turns on the spot."""
-    return Area(np.array([[x_m, y_m]]), BODY_RADIUS_M + STRAY_M)
+    return Area(np.array([[x_m, y_m]]), EPUCK.radius_m + STRAY_M)
 
 
 def way(x_m: float, y_m: float, heading_rad: float, length_m: float) -> Area:
     """The area of a robot that drives straight ahead and back again."""
     along = np.arange(0.0, length_m + _STEP_M, _STEP_M)
     direction = np.array([math.cos(heading_rad), math.sin(heading_rad)])
-    return Area(np.array([x_m, y_m]) + along[:, None] * direction, BODY_RADIUS_M + STRAY_M)
+    return Area(np.array([x_m, y_m]) + along[:, None] * direction, EPUCK.radius_m + STRAY_M)
 
 
 class FreeFloor:
@@ -87,7 +88,7 @@ class FreeFloor:
         Where it stands too near to something already it may go where it comes no nearer, as long as
         the two do not touch.
         """
-        here = Area(np.array([self.places[tag]]), BODY_RADIUS_M)
+        here = Area(np.array([self.places[tag]]), EPUCK.radius_m)
         least = min(area.radius_m, self.clearance_m(here.points) - _NEARER_M)
         if self.clearance_m(area.points) < max(least, TOUCHING_M / 2.0):
             return False
@@ -99,8 +100,8 @@ class FreeFloor:
 
     def is_crowded(self, tag: int) -> bool:
         """Whether another body stands so near that the two may touch when one turns."""
-        here = Area(np.array([self.places[tag]]), BODY_RADIUS_M)
-        near_m = STANDING_M + BODY_RADIUS_M
+        here = Area(np.array([self.places[tag]]), EPUCK.radius_m)
+        near_m = STANDING_M + EPUCK.radius_m
         return any(here.distance_m(other) < near_m for other in self._other_areas(tag))
 
     def is_alone(self, tag: int, place: tuple[float, float], radius_m: float) -> bool:
@@ -164,7 +165,7 @@ class FreeFloor:
 
 Point = tuple[float, float]
 
-STAGE_M = BODY_RADIUS_M + STRAY_M + 0.005
+STAGE_M = EPUCK.radius_m + STRAY_M + 0.005
 """The axle's middle is so far from the wall where a robot comes to the spot and leaves it."""
 ALONE_M = 0.12
 """Nothing but the wall may be so near to a robot that measures: sensors see 7 cm far."""
@@ -172,7 +173,7 @@ SPOT_STEP_M = 0.05
 """Spots along a wall are so far apart."""
 _FAR_M = 1000.0
 """An arena's border is no thing that sensors see."""
-ROOM_M = BODY_RADIUS_M + STRAY_M + 0.004
+ROOM_M = EPUCK.radius_m + STRAY_M + 0.004
 """Clearance of the ways there."""
 
 
@@ -246,7 +247,7 @@ def _before(box: Box, experiment: Experiment) -> Iterator[WallSpot]:
         for k in range(-count, count + 1):
             foot = middle + k * SPOT_STEP_M * beside
             spot = WallSpot(box.id, (float(foot[0]), float(foot[1])), outward + math.pi)
-            near = np.array([spot.before(BODY_RADIUS_M), spot.stage])
+            near = np.array([spot.before(EPUCK.radius_m), spot.stage])
             inside = np.abs(near - experiment.arena.centre_m[:2])
             inside = inside < np.array(experiment.arena.size_m[:2]) / 2.0
             free = other_bodies.clearance_m(near) >= ALONE_M

@@ -18,8 +18,7 @@ from vsense.base.arena import wrap_angle
 from vsense.base.errors import VsenseError
 from vsense.tools.robot_calibration._motion_fit import MotionFit, Stretch, fit
 from vsense.tools.robot_calibration._places import STRAY_M, Area, FreeFloor, spot, way
-from vsense.world.entities import BODY_RADIUS_M
-from vsense.world.physics.motion import AXLE_M, STEP_M
+from vsense.world.robot_models import EPUCK
 
 Speeds = tuple[int, int]
 """Of the left and the right wheel [steps/s]."""
@@ -183,7 +182,7 @@ class MotionRoutine:
         yield from self._room(choose)
         self.doing = "making room"
         yield from self._aim(chosen)
-        until_s = self._moment.time_s + LEAVE_M / (WAY_STEPS_S * STEP_M)
+        until_s = self._moment.time_s + LEAVE_M / (WAY_STEPS_S * EPUCK.step_m)
         while self._moment.time_s < until_s:
             yield from self._step((WAY_STEPS_S, WAY_STEPS_S))
         yield from self._rest()
@@ -221,7 +220,7 @@ class MotionRoutine:
         yield from self._aim(heading + marker_yaw)
         left, right = self._straight()
         from_m, along = np.array(self._place), np.array([math.cos(heading), math.sin(heading)])
-        duration_s = 2.0 * length_m / (WAY_STEPS_S * STEP_M)
+        duration_s = 2.0 * length_m / (WAY_STEPS_S * EPUCK.step_m)
 
         def gone_m() -> float:
             return float((np.array(self._place) - from_m) @ along)
@@ -268,7 +267,7 @@ class MotionRoutine:
                 turn = 0 if math.isinf(off) else round(math.copysign(TURN_STEPS_S, off))
                 yield from self._step((-turn, turn))
                 continue
-            turn = round(off * AXLE_M / (2.0 * STEP_M * AIM_S))
+            turn = round(off * EPUCK.axle_m / (2.0 * EPUCK.step_m * AIM_S))
             turn = min(max(turn, -TURN_STEPS_S), TURN_STEPS_S)
             yield from self._step((-turn, turn))
             yield from self._rest()
@@ -295,7 +294,7 @@ class MotionRoutine:
             moment = yield from self._step(speeds)
             if moment.pose is None:
                 continue
-            if area.strays(*moment.pose[:2]) > area.radius_m - BODY_RADIUS_M + STRAY_M / 2.0:
+            if area.strays(*moment.pose[:2]) > area.radius_m - EPUCK.radius_m + STRAY_M / 2.0:
                 raise RobotFailed("left the way that was free for it: is it held or pushed?")
             if moment.time_s >= begun_s + SETTLE_S:
                 seen.append(moment)

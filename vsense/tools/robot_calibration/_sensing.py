@@ -46,8 +46,7 @@ from vsense.tools.robot_calibration._sensor_fit import (
     fit_ground,
     fit_proximity,
 )
-from vsense.world.entities import BODY_RADIUS_M
-from vsense.world.physics.motion import AXLE_M, STEP_M
+from vsense.world.robot_models import EPUCK
 
 GAPS_M = (0.030, 0.020, 0.014, 0.010)
 """Between body and wall, at which a robot turns on the spot."""
@@ -57,7 +56,7 @@ TRAVEL_STEPS_S, CREEP_STEPS_S, LOOK_STEPS_S = 500, 60, 120
 REACHED_M, OFF_RAD = 0.005, math.radians(25.0)
 CROWDED_M = 0.078
 """A robot stands where another one is so near ahead of it."""
-AHEAD_M = 0.030
+AHEAD_M = EPUCK.ground_m[1][0]
 """Of the axle's middle, the ground sensors. Source: epuck.md section 6."""
 ON_PLACE_S, ACTION_TIMEOUT_S = 2.0, 10.0
 _LOOKS, _TRY_S = 3, 1.0
@@ -137,7 +136,7 @@ class SensorRoutine(MotionRoutine):
         def at_wall(goal: _Goal) -> Acting:
             assert goal.spot is not None
             for number, gap_m in enumerate(GAPS_M):
-                yield from self._creep(goal.spot, BODY_RADIUS_M + gap_m)
+                yield from self._creep(goal.spot, EPUCK.radius_m + gap_m)
                 looks.extend((yield from self._look_around(goal.spot, 1 - 2 * (number % 2))))
             yield from self._creep(goal.spot, STAGE_M, -1)
 
@@ -196,7 +195,7 @@ class SensorRoutine(MotionRoutine):
         (goal,) = chosen
         self._area = area
         if goal.spot is not None:
-            near = np.array([goal.spot.before(BODY_RADIUS_M)])
+            near = np.array([goal.spot.before(EPUCK.radius_m)])
             self._floor.give(self.tag, Area(np.concatenate([area.points, near]), ALONE_M))
         self.doing = "driving to a wall" if goal.spot is not None else "driving over the floor"
         for point in self._corners:
@@ -217,7 +216,7 @@ class SensorRoutine(MotionRoutine):
             way = self._sensing.floor.way(here, goal.place, ROOM_M, discs)
             if way is None:
                 continue
-            area = Area(_along([here, *way]), BODY_RADIUS_M + STRAY_M)
+            area = Area(_along([here, *way]), EPUCK.radius_m + STRAY_M)
             if self._floor.is_free(self.tag, area):
                 self._corners = way
                 return goal, area
@@ -227,7 +226,7 @@ class SensorRoutine(MotionRoutine):
         """Spots before walls that nobody is near, the nearest first."""
         here = self._place
         for spot in sorted(self._sensing.spots, key=lambda spot: math.dist(here, spot.stage)):
-            if self._floor.is_alone(self.tag, spot.before(BODY_RADIUS_M), ALONE_M):
+            if self._floor.is_alone(self.tag, spot.before(EPUCK.radius_m), ALONE_M):
                 yield _Goal(spot.stage, spot.heading_rad, spot)
 
     def _around(self, place: Point) -> Iterator[_Goal]:
@@ -285,7 +284,7 @@ class SensorRoutine(MotionRoutine):
     def _drive(self, to: Point) -> Acting:
         yield from self._turn_to(math.atan2(to[1] - self._place[1], to[0] - self._place[0]))
         until_s = self._moment.time_s + ACTION_TIMEOUT_S
-        until_s += 3.0 * math.dist(self._place, to) / (WAY_STEPS_S * STEP_M)
+        until_s += 3.0 * math.dist(self._place, to) / (WAY_STEPS_S * EPUCK.step_m)
         heading: float | None = None
         while True:
             x_m, y_m, yaw = yield from self._seen(heading)
@@ -300,15 +299,17 @@ class SensorRoutine(MotionRoutine):
                 yield from self._rest()
                 yield from self._turn_to(yaw + off)
                 continue
-            speed = min(TRAVEL_STEPS_S, max(CREEP_STEPS_S, 1.5 * away_m / STEP_M))
-            yield from self._step(self._straight_speeds(speed, off * AXLE_M / (2.0 * STEP_M)))
+            speed = min(TRAVEL_STEPS_S, max(CREEP_STEPS_S, 1.5 * away_m / EPUCK.step_m))
+            yield from self._step(
+                self._straight_speeds(speed, off * EPUCK.axle_m / (2.0 * EPUCK.step_m))
+            )
         yield from self._rest()
 
     def _creep(self, spot: WallSpot, wall_m: float, sign: int = 1) -> Acting:
         """Creeps towards a wall, or for -1 back from it, until it is so far away."""
         yield from self._turn_to(spot.heading_rad)
         self.doing = "before a wall"
-        until_s = self._moment.time_s + ACTION_TIMEOUT_S + STAGE_M / (CREEP_STEPS_S * STEP_M)
+        until_s = self._moment.time_s + ACTION_TIMEOUT_S + STAGE_M / (CREEP_STEPS_S * EPUCK.step_m)
         back_rad = 0.0 if sign > 0 else math.pi
         while True:
             x_m, y_m, yaw = yield from self._seen(spot.heading_rad + back_rad)
@@ -318,7 +319,9 @@ class SensorRoutine(MotionRoutine):
                 raise RobotFailed("does not get on before a wall: is it held, does it touch it?")
             off = float(wrap_angle(spot.heading_rad - yaw))
             yield from self._step(
-                self._straight_speeds(sign * CREEP_STEPS_S, off * AXLE_M / (2.0 * STEP_M))
+                self._straight_speeds(
+                    sign * CREEP_STEPS_S, off * EPUCK.axle_m / (2.0 * EPUCK.step_m)
+                )
             )
         yield from self._rest()
 
@@ -327,11 +330,11 @@ class SensorRoutine(MotionRoutine):
         looks: list[WallLook] = []
         turned, before = 0.0, None
         until_s = self._moment.time_s + ACTION_TIMEOUT_S
-        until_s += 3.0 * math.pi * AXLE_M / (LOOK_STEPS_S * STEP_M)
+        until_s += 3.0 * math.pi * EPUCK.axle_m / (LOOK_STEPS_S * EPUCK.step_m)
         while turned < 2.0 * math.pi + OFF_RAD:
             x_m, y_m, yaw = yield from self._seen(None)
             away_m = spot.distance_m(x_m, y_m)
-            if away_m < BODY_RADIUS_M + LEAST_GAP_M:
+            if away_m < EPUCK.radius_m + LEAST_GAP_M:
                 raise RobotFailed("came too near to a wall to turn there")
             if self._moment.time_s > until_s:
                 raise RobotFailed("does not turn before a wall: is it held, does it touch it?")

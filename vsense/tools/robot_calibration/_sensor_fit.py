@@ -25,9 +25,11 @@ from numpy.typing import NDArray
 
 from vsense.base.arena import wrap_angle
 from vsense.base.errors import VsenseError
-from vsense.world.physics.proximity_ring import HEADINGS_RAD, POSITIONS_M, TABLE_M, TABLE_RAW
+from vsense.world.robot_models import EPUCK
 
 Floats = NDArray[np.float64]
+
+_PLACES_M, _HEADINGS_RAD = np.array(EPUCK.ring.places_m), EPUCK.ring.headings_rad
 
 STRAIGHT_RAD = math.radians(12.0)
 """A sensor that looks at the wall less straight than this is not compared with the table."""
@@ -94,7 +96,9 @@ class SensorFit:
 
 def response(distances_m: Floats) -> Floats:
     """What the nominal proximity sensor reads more than with nothing near."""
-    return np.asarray(np.interp(distances_m, TABLE_M, TABLE_RAW) - TABLE_RAW[-1])
+    return np.asarray(
+        np.interp(distances_m, EPUCK.ring.table_m, EPUCK.ring.table_raw) - EPUCK.ring.table_raw[-1]
+    )
 
 
 def sensor_distances(looks: Sequence[WallLook]) -> tuple[Floats, Floats]:
@@ -102,8 +106,8 @@ def sensor_distances(looks: Sequence[WallLook]) -> tuple[Floats, Floats]:
     from the wall's [rad]; (n, 8) each."""
     turns = np.array([look.turn_rad for look in looks])[:, None]
     cos, sin = np.cos(turns), np.sin(turns)
-    toward = cos * POSITIONS_M[:, 0] - sin * POSITIONS_M[:, 1]
-    away = np.abs(wrap_angle(turns + HEADINGS_RAD))
+    toward = cos * _PLACES_M[:, 0] - sin * _PLACES_M[:, 1]
+    away = np.abs(wrap_angle(turns + _HEADINGS_RAD))
     walls = np.array([look.wall_m for look in looks])[:, None]
     return np.asarray((walls - toward) / np.maximum(np.cos(away), 0.1)), away
 
@@ -114,12 +118,12 @@ def fit_proximity(looks: Sequence[WallLook]) -> SensorFit:
     Raises:
         BadReadings: too little was seen, or it is not what a wall reflects.
     """
-    raw = np.array([look.raw for look in looks]).reshape(-1, len(HEADINGS_RAD))
+    raw = np.array([look.raw for look in looks]).reshape(-1, len(_HEADINGS_RAD))
     if not len(raw):
         raise BadReadings("its proximity readings did not come")
     distances, away = sensor_distances(looks)
     sensors = [
-        _Sensor.of(i, distances[:, i], away[:, i], raw[:, i]) for i in range(len(HEADINGS_RAD))
+        _Sensor.of(i, distances[:, i], away[:, i], raw[:, i]) for i in range(len(_HEADINGS_RAD))
     ]
     errors = np.linspace(-_REACH_M, _REACH_M, _PARTS)
     costs = [sum(sensor.solve(error)[2] for sensor in sensors) for error in errors]

@@ -16,7 +16,6 @@ differential_steering_default_actuator.cpp lines 44-120.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -25,7 +24,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vsense.base.native import kernel_ffi, kernels, random_in_c
-from vsense.world.entities import BODY_HEIGHT_M, BODY_RADIUS_M, Box, Cylinder
+from vsense.world.entities import Box, Cylinder
+from vsense.world.robot_models import EPUCK, RobotModel
 from vsense.world.sensors.quality import generator
 
 Floats = NDArray[np.float64]
@@ -43,8 +43,11 @@ class Neighbourhood:
         room: of how many pairs there may be.
     """
 
-    def __init__(self, robots: int, boxes: ArrayLike, radii_m: ArrayLike) -> None:
-        """`boxes` as for `Physics`; `radii_m` (n,) of every body, robots first."""
+    def __init__(
+        self, robots: int, boxes: ArrayLike, radii_m: ArrayLike, reach_m: float = EPUCK.reach_m
+    ) -> None:
+        """`boxes` as for `Physics`; `radii_m` (n,) of every body, robots first; `reach_m`: no
+        robot touches or feels what is farther from its middle."""
         table = np.asarray(boxes, dtype=np.float64).reshape(-1, 5)
         axis = np.stack([np.cos(table[:, 2]), np.sin(table[:, 2])], axis=1)
         radii = np.ascontiguousarray(radii_m, dtype=np.float64)
@@ -61,6 +64,7 @@ class Neighbourhood:
         )
         near: Any = kernel_ffi.new("struct vs_near *")
         near.robots, near.bodies, near.boxes = robots, len(radii), len(table)
+        near.reach_m = reach_m
         near.radii_m, near.box_rows, near.searched_m = (
             pointer("double", array) for array in self._buffers[:3]
         )
@@ -98,19 +102,8 @@ def pointer(kind: str, array: NDArray[Any]) -> Any:
     return kernel_ffi.from_buffer(f"{kind}[]", array)
 
 
-AXLE_M: float = kernels.vs_axle_m
-"""Distance between the wheels' contact points. Source: epuck.md section 6."""
-STEP_M: float = kernels.vs_step_m
-"""Way of a wheel per motor step: 41 mm wheels, 1000 steps per turn. Source: epuck.md section 6."""
-WHEEL_DIAMETER_MM = 1000.0 * STEP_M * 1000.0 / math.pi
-"""Of the nominal wheel: 41."""
 TICK_NS: int = kernels.VS_TICK_NS
 """Contacts are looked at this often, in ns."""
-MAX_SPEED_STEPS_S: int = kernels.VS_MAX_STEPS_S
-"""Fastest speed that the motor library takes. Source: epuck.md section 1.3."""
-TIMER_HZ = 10_000
-"""The e-puck's motor library makes a step every whole number of such ticks. Source: epuck.md 1.6,
-the firmware's motors.c."""
 
 
 class Physics:
@@ -124,6 +117,7 @@ class Physics:
             objects. Holds for the time of the last `tick`. Objects may be moved by writing here;
             nothing else may.
         bodies: the same, then the cylinders.
+        models: (n,) of robots, then of objects.
         near: the pairs of near bodies at these poses.
         cdata: the `struct vs_physics *`.
     """
@@ -136,6 +130,7 @@ class Physics:
         time_ns: int,
         cylinders: ArrayLike = (),
         built: Floats | None = None,
+        models: Sequence[RobotModel] = (),
     ) -> None:
         """A scene that starts at rest, in the arena frame.
 
@@ -145,7 +140,8 @@ class Physics:
             boxes: (b, 5) x_m, y_m, yaw_rad, size_x_m, size_y_m of walls and boxes.
             cylinders: (c, 3) x_m, y_m, radius_m of cylinders that stand.
             built: (m, 3) how robots are built: way of the left and of the right wheel over that of
-                the nominal one, and length of the axle [m]; None: all as e-pucks should be.
+                the nominal one, and length of the axle [m]; None: all as their models say.
+            models: of robots, then of objects; those that are not there are e-pucks.
         """
         driving, standing, posts = (
             np.asarray(rows, dtype=np.float64).reshape(-1, 3)
@@ -154,11 +150,11 @@ class Physics:
         count = len(driving)
         tagged = count + len(standing)
         self.bodies = np.concatenate([driving, standing, posts])
-        self.bodies[tagged:, 2] = 0.0
-        self.poses = self.bodies[:tagged]
-        radii_m = np.full(len(self.bodies), BODY_RADIUS_M)
-        radii_m[tagged:] = posts[:, 2]
-        self.near = Neighbourhood(count, boxes, radii_m)
+        self.bodies[tagged:, 2], self.poses = 0.0, self.bodies[:tagged]
+        self.models = [*models, *[EPUCK] * (tagged - len(models))]
+        radii_m = [*(model.radius_m for model in self.models), *posts[:, 2]]
+        reach_m = max([0.0, *(model.reach_m for model in self.models[:count])])
+        self.near = Neighbourhood(count, boxes, radii_m, reach_m)
         mobility = np.zeros(len(self.bodies))
         self._contacts = Contacts(mobility, self.near)
         self.cdata = self._make(mobility, count)
@@ -174,7 +170,8 @@ class Physics:
     def rebuild(self, robot: int, built: Sequence[float]) -> None:
         """Has another robot stand in a row of `poses`, which is built so; see the constructor."""
         if self._built is None:
-            self._build(np.tile((1.0, 1.0, AXLE_M), (len(self._buffers[1]), 1)))
+            models = self.models[: len(self._buffers[1])]
+            self._build(np.array([(1.0, 1.0, model.axle_m) for model in models]))
         assert self._built is not None
         self._built[robot] = built
 
@@ -182,7 +179,8 @@ class Physics:
         """Makes the `struct vs_physics`; its arrays live as long as this object."""
         wheels_m_s, commands = np.zeros((count, 2)), np.zeros((count, 2), dtype=np.int16)
         rolled_ns, arcs = np.zeros(count, dtype=np.int64), np.zeros((count, 2))
-        self._buffers = (mobility, wheels_m_s, commands, rolled_ns, arcs)
+        drives = kernel_ffi.new("struct vs_drive[]", _drives(self.models[:count]))
+        self._buffers = (mobility, wheels_m_s, commands, rolled_ns, arcs, drives)
         struct: Any = kernel_ffi.new("struct vs_physics *")
         struct.contacts = self._contacts.cdata
         struct.poses = pointer("double", self.bodies)
@@ -191,6 +189,7 @@ class Physics:
         struct.commands = pointer("int16_t", commands)
         struct.rolled_ns = pointer("int64_t", rolled_ns)
         struct.arcs = pointer("double", arcs)
+        struct.drives = drives
         return struct
 
     def drive(self, robot: int, left_steps_s: int, right_steps_s: int, time_ns: int) -> None:
@@ -213,25 +212,34 @@ class Physics:
         kernels.vs_physics_advance(self.cdata, time_ns)
 
 
-def motor_speed(steps_s: float) -> float:
-    """The speed [step/s] at which an e-puck's motor turns when it is commanded `steps_s`."""
-    commanded = int(abs(steps_s))
-    if commanded == 0:
-        return 0.0
-    return math.copysign(TIMER_HZ / (TIMER_HZ // min(commanded, MAX_SPEED_STEPS_S)), steps_s)
+def _drives(models: Sequence[RobotModel]) -> list[tuple[float, ...]]:
+    """The rows of `struct vs_drive`. Of two robots that touch, the heavier one gives way less."""
+    lightest_kg = min((model.mass_kg for model in models), default=1.0)
+    return [
+        (
+            model.step_m,
+            model.axle_m,
+            model.acceleration_m_s2,
+            lightest_kg / model.mass_kg,
+            model.timer_hz,
+            model.max_steps_s,
+        )
+        for model in models
+    ]
 
 
-def obstacles(boxes: Iterable[Box], cylinders: Iterable[Cylinder]) -> tuple[Floats, Floats]:
-    """Boxes and cylinders that do not hang above the robots, as `Physics` takes them."""
+def obstacles(
+    boxes: Iterable[Box], cylinders: Iterable[Cylinder], height_m: float = EPUCK.height_m
+) -> tuple[Floats, Floats]:
+    """Boxes and cylinders that do not hang above the robots, which are so high, as `Physics` takes
+    them."""
     walls = [
         (*box.position_m[:2], box.yaw_rad, *box.size_m[:2])
         for box in boxes
-        if box.position_m[2] < BODY_HEIGHT_M
+        if box.position_m[2] < height_m
     ]
     posts = [
-        (*post.position_m[:2], post.radius_m)
-        for post in cylinders
-        if post.position_m[2] < BODY_HEIGHT_M
+        (*post.position_m[:2], post.radius_m) for post in cylinders if post.position_m[2] < height_m
     ]
     return np.array(walls).reshape(-1, 5), np.array(posts).reshape(-1, 3)
 
@@ -267,12 +275,18 @@ class NoisyWheels:
         cdata: the `struct vs_slip *`.
     """
 
-    def __init__(self, noises: Sequence[WheelNoise | None], seed: int) -> None:
+    def __init__(
+        self,
+        noises: Sequence[WheelNoise | None],
+        seed: int,
+        robots: Sequence[RobotModel] = (),
+    ) -> None:
         """Draws what stays the same during a run.
 
         Args:
             noises: that of each robot; None: its wheels obey.
             seed: of the run; the wheels draw independently of all devices.
+            robots: their models, in their order; without, they are e-pucks.
         """
         self.is_quiet = not any(noises)
         models = [noise or WheelNoise() for noise in noises]
@@ -281,12 +295,15 @@ class NoisyWheels:
             _column(models, name) for name in ("relative", "factor", "factor_dev", "bias_m_s")
         )
         deviation_m_s = _column(models, "bias_dev_m_s")
-        bias = (bias_m_s + deviation_m_s * random.normal(size=shape)) / STEP_M
+        kinds = [*robots[: len(models)]] or [EPUCK] * len(models)
+        steps_m = np.array([kind.step_m for kind in kinds]).reshape(-1, 1)
+        bias = (bias_m_s + deviation_m_s * random.normal(size=shape)) / steps_m
+        most = max((kind.max_steps_s for kind in kinds), default=EPUCK.max_steps_s)
         arrays = relative, factor, factor_dev, bias, np.empty(shape)
         given = [kernel_ffi.from_buffer("double[]", array) for array in arrays]
         given.insert(-1, random_in_c(random, normal=True))
         self._owners = random, given
-        self.cdata = kernel_ffi.new("struct vs_slip *", (len(models), MAX_SPEED_STEPS_S, *given))
+        self.cdata = kernel_ffi.new("struct vs_slip *", (len(models), most, *given))
 
     def apply(self, commands: NDArray[np.int16]) -> NDArray[np.int16]:
         """Gives the speeds (n, 2) [step/s] that robots drive at which are told `commands`.

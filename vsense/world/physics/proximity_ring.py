@@ -5,6 +5,8 @@ The rays are C (`c_src/host/vs_ring.c`): the rings of 15 robots take 18 us, wher
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -12,67 +14,41 @@ from numpy.typing import NDArray
 
 from vsense.base.native import kernel_ffi, kernels
 from vsense.world.physics.motion import Floats, Neighbourhood, pointer
-from vsense.world.sensors.geometry import EPUCK_RING_DEG
-
-POSITIONS_M = np.array(
-    [
-        (0.030, -0.010), (0.022, -0.025), (0.0, -0.031), (-0.030, -0.015),
-        (-0.030, 0.015), (0.0, 0.031), (0.022, 0.025), (0.030, 0.010),
-    ]
-)  # fmt: skip
-"""(8, 2) places of ps0..ps7, clockwise from the front right, in the robot's frame (x forward,
-y left). Source: epuck.md section 6."""
-
-HEADINGS_RAD = np.radians(EPUCK_RING_DEG)
-"""(8,) directions of ps0..ps7, counter-clockwise from straight ahead."""
-
-TABLE_M = np.array([0.0, 0.005, 0.01, 0.015, 0.02, 0.03, 0.04, 0.05, 0.06, 0.07])
-"""(10,) distances at which `TABLE_RAW` holds. Source: epuck.md section 6, from Webots."""
-TABLE_RAW = np.array([4095.0, 2133.0, 1466.0, 601.0, 384.0, 235.0, 158.0, 120.0, 104.0, 67.0])
-"""(10,) raw readings of a surface straight ahead; the last is also the reading of nothing."""
+from vsense.world.robot_models import EPUCK, RING_SENSORS, RingModel, RobotModel
 
 RING_RAW_MAX: int = kernels.VS_RING_RAW_MAX
 """Largest value of the converter."""
-NOISE_RAW = 8.0
-"""Standard deviation of the additive noise: between Webots's 4 near and 25 far along the table."""
 
-_NONE = np.zeros((0, 8))
+_NONE = np.zeros((0, RING_SENSORS))
 
 _NOISE_BLOCK = 64
 """Noise of so many readings is drawn at once: that takes half the time."""
 
 _RAYS = 7
-_HALF_CONE_RAD = np.radians(30.0)
-"""Rays of one sensor fan out this far to both sides, so that the cones of neighbouring sensors
-meet (up to 61 degrees apart) and no robot is undetected between two of them."""
-_FAN_RAD = np.linspace(-_HALF_CONE_RAD, _HALF_CONE_RAD, _RAYS)
-_RESPONSE = np.cos(_FAN_RAD) ** 2
-"""(_RAYS,) emitter and receiver each fall off with the cosine of the angle."""
+"""Rays of one sensor, which fan out to the edges of its cone."""
 
 
-def _ring() -> tuple[Any, list[Floats]]:
-    """Makes the `struct vs_ring` of an e-puck; the arrays have to be kept with it."""
-    angles = (HEADINGS_RAD[:, None] + _FAN_RAD).reshape(-1)
-    starts = np.repeat(POSITIONS_M, _RAYS, axis=0).T
+@cache
+def _ring(model: RingModel) -> tuple[Any, list[Floats]]:
+    """Makes the `struct vs_ring` of a model; the arrays have to be kept with it.
+
+    Emitter and receiver each fall off with the cosine of the angle.
+    """
+    ring: Any = kernel_ffi.new("struct vs_ring *")
+    half_rad = np.radians(model.half_cone_deg)
+    fan_rad = np.linspace(-half_rad, half_rad, _RAYS)
+    angles = (model.headings_rad[:, None] + fan_rad).reshape(-1)
+    starts = np.repeat(np.array(model.places_m).reshape(-1, 2), _RAYS, axis=0).T
+    given = (*starts, np.cos(angles), np.sin(angles), np.cos(fan_rad) ** 2)
     arrays = [
-        np.ascontiguousarray(array)
-        for array in (*starts, np.cos(angles), np.sin(angles), _RESPONSE, TABLE_M, TABLE_RAW)
+        np.ascontiguousarray(array, dtype=np.float64)
+        for array in (*given, model.table_m, model.table_raw)
     ]
-    ring = kernel_ffi.new("struct vs_ring *")
-    ring.sensors, ring.rays, ring.points = len(POSITIONS_M), _RAYS, len(TABLE_M)
-    (
-        ring.from_x_m,
-        ring.from_y_m,
-        ring.ray_x,
-        ring.ray_y,
-        ring.response,
-        ring.table_m,
-        ring.table_raw,
-    ) = (pointer("double", array) for array in arrays)
+    ring.sensors, ring.rays, ring.points = len(model.places_m), _RAYS, len(model.table_m)
+    names = "from_x_m from_y_m ray_x ray_y response table_m table_raw"
+    for name, array in zip(names.split(), arrays):
+        setattr(ring, name, pointer("double", array))
     return ring, arrays
-
-
-_RING, _RING_ARRAYS = _ring()
 
 
 class ProximityRing:
@@ -84,7 +60,12 @@ class ProximityRing:
     """
 
     def __init__(
-        self, near: Neighbourhood, seed: int, gains: Floats | None = None, biases: Floats = _NONE
+        self,
+        near: Neighbourhood,
+        seed: int,
+        gains: Floats | None = None,
+        biases: Floats = _NONE,
+        models: Sequence[RobotModel] = (),
     ) -> None:
         """Rings that detect the bodies in `near`; `seed` decides the noise.
 
@@ -92,16 +73,19 @@ class ProximityRing:
             near, seed: what is detected, and chance.
             gains: (m, 8) what each sensor makes of what comes back; None: they are nominal.
             biases: (m, 8) by how much more each reads, whatever comes back.
+            models: of the robots; without, they are e-pucks.
         """
         self._random = np.random.Generator(np.random.PCG64(seed))
-        self._noise = np.zeros((0, near.robots, len(POSITIONS_M)))
-        self._used = 0
-        sensors = (near.robots, len(POSITIONS_M))
+        kinds = [model.ring for model in [*models[: near.robots]] or [EPUCK] * near.robots]
+        self._noise_raw = np.array([ring.noise_raw for ring in kinds])
+        sensors = (near.robots, RING_SENSORS)
+        self._noise, self._used = np.zeros((0, *sensors)), 0
         self._distances_m = np.empty((*sensors, _RAYS))
         self._raw = np.zeros(sensors, dtype=np.int16)
         self._clean = np.empty(sensors)
         self.cdata: Any = kernel_ffi.new("struct vs_rings *")
-        self.cdata.ring = _RING
+        self._rings = kernel_ffi.new("struct vs_ring *[]", [_ring(ring)[0] for ring in kinds])
+        self.cdata.rings = kernel_ffi.cast("const struct vs_ring **", self._rings)
         self.cdata.distances_m = pointer("double", self._distances_m)
         self.cdata.clean = pointer("double", self._clean)
         self.cdata.raw = pointer("int16_t", self._raw)
@@ -132,8 +116,9 @@ class ProximityRing:
     def noise(self) -> Floats:
         """Noise of the readings to come, (k, m, 8), one at least."""
         if self._used == len(self._noise):
-            shape = (_NOISE_BLOCK, self.near.robots, len(POSITIONS_M))
-            self._noise, self._used = self._random.normal(0.0, NOISE_RAW, shape), 0
+            shape = (_NOISE_BLOCK, self.near.robots, RING_SENSORS)
+            self._noise, self._used = self._random.normal(0.0, 1.0, shape), 0
+            self._noise *= self._noise_raw[:, None]
         return self._noise[self._used :]
 
     def use(self, readings: int) -> None:
@@ -146,17 +131,17 @@ class ProximityRing:
         The array is the same at every call.
         """
         assert poses.dtype == np.float64 and poses.flags.c_contiguous
-        target = pointer("double", self._distances_m)
-        kernels.vs_ring_distances(_RING, self.near.cdata, pointer("double", poses), target)
+        kernels.vs_rings_distances(self.cdata, pointer("double", poses))
         return self._distances_m
 
 
-def readings(distances_m: Floats) -> Floats:
+def readings(distances_m: Floats, model: RobotModel = EPUCK) -> Floats:
     """Raw values (...,) without noise of distances (..., rays per sensor), see `distances`.
 
     That of the ray that reflects most counts.
     """
     rays = np.ascontiguousarray(distances_m, dtype=np.float64)
     raw = np.empty(rays.shape[:-1])
-    kernels.vs_ring_readings(_RING, pointer("double", rays), raw.size, pointer("double", raw))
+    ring, _ = _ring(model.ring)
+    kernels.vs_ring_readings(ring, pointer("double", rays), raw.size, pointer("double", raw))
     return raw

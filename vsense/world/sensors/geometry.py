@@ -15,6 +15,7 @@ from vsense.base.native import check, kernel_ffi, kernels
 from vsense.base.xml.element import Element
 from vsense.world.fields import Floor
 from vsense.world.rays import MovingBodies
+from vsense.world.robot_models import EPUCK
 from vsense.world.sensors.base import ReadFunction, Readings, Robots
 from vsense.world.sensors.quality import Floats
 from vsense.world.world import World
@@ -22,17 +23,10 @@ from vsense.world.world import World
 NEAREST_M = 0.01
 """What grows without bound towards a point, such as 1/d^2, is constant within this distance."""
 
-RING_RADIUS_M = 0.036
-"""Where an e-puck's infrared sensors sit, from its centre. Source: iridia.md section 3."""
-RING_HEIGHT_M = 0.032
-"""Their height above the floor. Source: as above."""
-
 _MAX_RANGE_M = 1000.0
 _MAX_RING: int = kernels.VS_LIGHT_SENSORS_MAX
 _PLACE_AT: int = POSE.fields["x_m"][1]  # type: ignore[index]
 """Where a row of POSE has x_m, y_m, yaw_rad."""
-EPUCK_RING_DEG = (-17.2, -45.9, -90.0, -151.5, 151.5, 90.0, 45.8, 17.2)
-"""ps0..ps7, clockwise from the front right. Source: epuck.md section 6, from Webots."""
 _ARGOS_DIVISORS = (10.5884, 3.5999, 2.0, 1.2, 0.8571, 0.6667, 0.5806, 0.5247)
 """pi through these are the angles that ARGoS reports. Source: iridia.md section 3."""
 
@@ -61,7 +55,7 @@ class Ring:
         expected = f"'epuck', 'argos' or a number from 1 to {_MAX_RING}"
         text = element.text("vs:ring", "epuck", expected)
         if text == "epuck":
-            angles: Floats = np.radians(np.array(EPUCK_RING_DEG))
+            angles: Floats = EPUCK.ring.headings_rad
             return cls(angles, angles)
         if text == "argos":
             ring = cls.of_argos()

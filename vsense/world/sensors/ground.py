@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from vsense.base.xml.element import Element
+from vsense.world.robot_models import EPUCK
 from vsense.world.sensors.base import ReadFunction, Readings, Robots, Scope
 from vsense.world.sensors.geometry import GroundPoints, read_in_c
 from vsense.world.sensors.quality import Scale
@@ -25,10 +26,6 @@ from vsense.world.world import World
 ELEMENTS = ("virtual_ground_sensor",)
 ARGOS_ELEMENTS = ("epuck_ground", "ground", "footbot_base_ground", "footbot_motor_ground")
 ARGOS_NOISE = ("noise_level",)
-
-AHEAD_M = 0.03
-LEFT_M = (0.009, 0.0, -0.009)
-"""Where the three look, in the robot's frame. Source: iridia.md section 3."""
 
 GREY = tuple(share / 255.0 for share in (0.299, 0.587, 0.114))
 """Brightness of red, green, blue. Source: as above."""
@@ -44,11 +41,11 @@ class GroundSensor:
 
     def read(self, world: World, robots: Robots) -> Readings:
         """Reads the floor's brightness; see `VirtualSensor.read`."""
-        return read_in_c(self.kernel(world, robots), world, robots, len(LEFT_M))
+        return read_in_c(self.kernel(world, robots), world, robots, len(EPUCK.ground_m))
 
     def kernel(self, world: World, robots: Robots) -> ReadFunction:
         """See `vsense/world/sensors/base.py`."""
-        points_m = [(AHEAD_M, left_m) for left_m in LEFT_M]
+        points_m = EPUCK.ground_m
         return GroundPoints(world.floor, len(robots), points_m, GREY).kernel()
 
 

@@ -36,11 +36,10 @@ import numpy as np
 
 from vsense.base.native import kernel_ffi, kernels
 from vsense.base.xml.element import Element
+from vsense.world.robot_models import EPUCK
 from vsense.world.sensors.base import ReadFunction, Readings, Robots, Scope
 from vsense.world.sensors.geometry import (
     NEAREST_M,
-    RING_HEIGHT_M,
-    RING_RADIUS_M,
     Ring,
     field_of_view,
     read_in_c,
@@ -111,8 +110,8 @@ class LightSensor:
             "formula": _KERNELS[self.formula],
             "sensors": len(self.ring),
             "angles_rad": kernel_ffi.from_buffer("double[]", self._looking_rad),
-            "radius_m": RING_RADIUS_M,
-            "height_m": RING_HEIGHT_M,
+            "radius_m": EPUCK.infrared.radius_m,
+            "height_m": EPUCK.infrared.height_m,
             "nearest_m": NEAREST_M,
             "range_m": self.range_m,
             "view_rad": self.field_of_view_rad,

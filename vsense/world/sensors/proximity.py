@@ -43,8 +43,9 @@ from vsense.base.native import kernel_ffi, kernels
 from vsense.base.xml.element import Element
 from vsense.world.entities import Box, Cylinder
 from vsense.world.rays import Bodies, disc_rows, entity_rows
+from vsense.world.robot_models import EPUCK
 from vsense.world.sensors.base import ReadFunction, Readings, Robots, Scope
-from vsense.world.sensors.geometry import RING_HEIGHT_M, RING_RADIUS_M, Ring, read_in_c
+from vsense.world.sensors.geometry import Ring, read_in_c
 from vsense.world.sensors.quality import Scale
 from vsense.world.world import World
 
@@ -121,8 +122,8 @@ class _ProximityRing:
             "rays": len(fan),
             "places_rad": places_rad,
             "fan_rad": fan_rad,
-            "radius_m": _GENERIC_RADIUS_M if sensor.generic else RING_RADIUS_M,
-            "height_m": _GENERIC_HEIGHT_M if sensor.generic else RING_HEIGHT_M,
+            "radius_m": _GENERIC_RADIUS_M if sensor.generic else EPUCK.infrared.radius_m,
+            "height_m": _GENERIC_HEIGHT_M if sensor.generic else EPUCK.infrared.height_m,
             "range_m": sensor.range_m,
             "share": RANGE_M / sensor.range_m,
             "full": sensor.full,

@@ -34,7 +34,7 @@ import numpy as np
 
 from vsense.base.native import kernel_ffi, kernels, random_in_c
 from vsense.base.xml.element import Element
-from vsense.world.entities import BODY_RADIUS_M
+from vsense.world.robot_models import EPUCK
 from vsense.world.sensors.base import ReadFunction, Readings, Robots, Scope
 from vsense.world.sensors.geometry import Reach, read_in_c, without_empty
 from vsense.world.sensors.quality import Floats, Scale
@@ -130,7 +130,7 @@ class _Hearing:
             "most": sensor.max_messages,
             "size": sensor.data_size,
             "loss": sensor.loss_probability,
-            "body_m": BODY_RADIUS_M,
+            "body_m": EPUCK.radius_m,
             "shuffled": sensor.noise is not None,
             "noise_m": noise.std_dev_m,
             "real_range": noise.real_range,

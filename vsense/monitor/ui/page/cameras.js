@@ -182,7 +182,7 @@ class Cell {
   #radius(zoom) {
     const { experiment } = this.store;
     if (!experiment) return 5;
-    const { arena, cameras, body_radius_m: body = 0.035 } = experiment;
+    const { arena, cameras, body_radius_m: body } = experiment;
     const columns = Math.max(...cameras.map((camera) => camera.column)) + 1;
     return Math.max(5, (1.25 * body * this.camera.width_px * zoom * columns) / arena.size_m[0]);
   }

@@ -3,7 +3,6 @@
 
 import { FromAbove, ThroughLens, rim } from "./projections.js";
 
-const BODY_RADIUS_M = 0.035;
 const LAMP_M = 0.035;
 const CONE_SOURCE_M = 0.05;
 const GLOW = [[0.3, 0.12], [0.18, 0.16], [0.09, 0.3]];
@@ -30,8 +29,8 @@ export const STYLES = {
  * @param {ArenaMessage | null} arena @param {SignalsMessage | null} signals */
 export function sceneOf(brush, store, colours, chosen, arena, signals) {
   const style = brush.view.flat ? STYLES.above(colours) : STYLES.lens();
-  const body = store.experiment?.body_radius_m ?? BODY_RADIUS_M;
-  return { brush, pen: brush.pen, view: brush.view, store, colours, chosen, arena, signals, style, body };
+  const { body_radius_m: body = 0, body_height_m: height = 0 } = store.experiment ?? {};
+  return { brush, pen: brush.pen, view: brush.view, store, colours, chosen, arena, signals, style, body, height };
 }
 
 /** @param {(number | null)[]} colour */

@@ -8,7 +8,6 @@ import { STYLES, drawEdges, drawLabel, outlineOf, rgb } from "./scene.js";
 /** @typedef {import("./names.js").Names} Names */
 /** @typedef {{ tag: number, x_px: number, y_px: number, x_m: number, y_m: number }} DrawnRobot */
 
-const BODY_HEIGHT_M = 0.076;
 const HEADING = 2.1;
 const RAY_M = 0.3;
 const RING_LEDS = 8;
@@ -25,7 +24,7 @@ const WORDS = 4;
 
 /** Virtual robots.
  * @param {Scene} scene */
-export function drawStrangers({ brush, view, store, style, body }) {
+export function drawStrangers({ brush, view, store, style, body, height }) {
   for (const robot of store.world?.entities ?? []) {
     if (robot.kind !== "robot") continue;
     const shape = { centre: /** @type {Point} */ ([robot.x_m, robot.y_m]), radius: body };
@@ -34,9 +33,9 @@ export function drawStrangers({ brush, view, store, style, body }) {
       drawBody(brush, [robot.x_m, robot.y_m, 0], robot.yaw_rad, body, style.stranger, false);
       continue;
     }
-    brush.fill(shape, BODY_HEIGHT_M, style.stranger, 0.35);
-    drawEdges(brush, shape, 0, BODY_HEIGHT_M, style.stranger, 1.3);
-    drawHeading(brush, [robot.x_m, robot.y_m, BODY_HEIGHT_M], robot.yaw_rad, body, style.stranger, 2);
+    brush.fill(shape, height, style.stranger, 0.35);
+    drawEdges(brush, shape, 0, height, style.stranger, 1.3);
+    drawHeading(brush, [robot.x_m, robot.y_m, height], robot.yaw_rad, body, style.stranger, 2);
   }
 }
 
@@ -44,7 +43,7 @@ export function drawStrangers({ brush, view, store, style, body }) {
  * here is what nobody sees of them.
  * @param {Scene} scene */
 export function drawRobots(scene) {
-  const { store, view, pen, arena, signals } = scene;
+  const { store, view, pen, arena, signals, height } = scene;
   /** @type {DrawnRobot[]} */
   const drawn = [];
   if (!arena) return drawn;
@@ -53,15 +52,16 @@ export function drawRobots(scene) {
   for (let row = 0; row < tag.length; row += 1) {
     const isObject = store.objects.has(tag[row]);
     if (x_m[row] === null || (isObject && !view.flat)) continue;
-    const top = /** @type {Vector} */ ([x_m[row], y_m[row], store.heights.get(tag[row]) ?? BODY_HEIGHT_M]);
+    const top = /** @type {Vector} */ ([x_m[row], y_m[row], store.heights.get(tag[row]) ?? height]);
     const spot = view.spot(top);
     if (!spot) continue;
     const robot = { tag: tag[row], x_px: spot[0], y_px: spot[1], x_m: x_m[row], y_m: y_m[row] };
     drawn.push(robot);
     // What has not been seen for a while fades, but never quite: it is somewhere.
     if (view.flat) pen.globalAlpha = seen[row] ? 1 : Math.max(0.35, 1 - age_ns[row] / FADE_NS);
-    if (isObject) drawObject(scene, spot);
-    else drawRobot(scene, robot.tag, top, yaw_rad[row], seen[row], virtual.get(robot.tag));
+    const sized = { ...scene, body: store.radii.get(tag[row]) ?? scene.body };
+    if (isObject) drawObject(sized, spot);
+    else drawRobot(sized, robot.tag, top, yaw_rad[row], seen[row], virtual.get(robot.tag));
     pen.globalAlpha = 1;
   }
   return drawn;

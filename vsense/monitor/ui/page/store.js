@@ -33,9 +33,8 @@ class RunNews {
   /** What people call a tag.
    * @type {Map<number, string>} */
   names = new Map();
-  /** Of robots' tops, by tag [m].
-   * @type {Map<number, number>} */
-  heights = new Map();
+  heights = /** @type {Map<number, number>} */ (new Map());
+  radii = /** @type {Map<number, number>} */ (new Map());
   /** By tag, in `/robots`.
    * @type {Map<number, number>} */
   rows = new Map();
@@ -166,6 +165,7 @@ export class Store extends RunNews {
     Object.assign(this, { experiment: data });
     this.objects = new Set(objects.map((object) => object.tag));
     this.heights = new Map(robots.map((robot) => [robot.tag, robot.height_m]));
+    this.radii = new Map([...robots, ...objects].map((body) => [body.tag, body.radius_m ?? data.body_radius_m]));
     this.names = new Map([...robots, ...objects].map(({ tag, name }) => [tag, name]));
   }
 

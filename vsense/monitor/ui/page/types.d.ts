@@ -17,11 +17,12 @@ interface ExperimentMessage {
   timestep_s: number;
   length_s: number | null;
   arena: { size_m: Vector; centre_m: Vector; fence?: Fence };
-  robots: { tag: number; name: string; height_m: number }[];
-  objects: { tag: number; name: string }[];
+  robots: { tag: number; name: string; height_m: number; radius_m?: number }[];
+  objects: { tag: number; name: string; radius_m?: number }[];
   controllers: Controller[];
   cameras: CameraDescription[];
   body_radius_m: number;
+  body_height_m?: number;
   made: { series?: PlannedRun } | null;
 }
 

@@ -1,0 +1,272 @@
+"""What a robot is: its body, wheels and sensors, read from `models/NAME.toml`.
+
+Nothing else knows a robot's number. An experiment says `vs:model="NAME"`; a file of that name
+beside the `.argos` file comes before the shipped ones. Lengths are in m, in the robot's frame: x
+forward, y left, from the middle between its wheels on the floor; angles are counter-clockwise from
+straight ahead.
+
+    [body] radius_m, height_m, marker_height_m, mass_kg
+    [wheels] axle_m, diameter_m, steps_per_turn, max_steps_s; timer_hz: steppers make a step every
+        whole number of such ticks, 0 (default): any speed; acceleration_m_s2 of a wheel, 0
+        (default): at once
+    [ring] its own proximity sensors, up to 8, in the order in which controllers get them: places_m,
+        headings_deg, half_cone_deg, table_m and table_raw (readings of a surface ahead; the last is
+        that of nothing), noise_raw
+    [infrared] where virtual proximity and light sensors sit: radius_m, height_m
+    [ground] places_m of its ground sensors
+    [leds] ring_m: places of bits 0 to 7; front_m: of bit 9
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsense.base.errors import instead
+from vsense.base.files import PACKAGE_FOLDER
+from vsense.base.native import kernels
+from vsense.base.toml import Reader, TomlFile, integer, read_toml_text, real
+from vsense.world.entities import WorldError
+
+Point = tuple[float, float]
+
+MODEL_SUFFIX = ".toml"
+MODELS_FOLDER = PACKAGE_FOLDER / "world" / "models"
+RING_SENSORS = 8
+"""Proximity sensors that the wire has room for."""
+
+
+@dataclass(frozen=True, slots=True)
+class RingModel:
+    """A robot's own proximity sensors, by default none; see the module."""
+
+    places_m: tuple[Point, ...] = ()
+    headings_deg: tuple[float, ...] = ()
+    half_cone_deg: float = 0.0
+    table_m: tuple[float, ...] = (0.0,)
+    table_raw: tuple[float, ...] = (0.0,)
+    noise_raw: float = 0.0
+
+    @property
+    def headings_rad(self) -> NDArray[np.float64]:
+        """Where the sensors look, (k,)."""
+        angles: NDArray[np.float64] = np.radians(np.array(self.headings_deg))
+        return angles
+
+
+@dataclass(frozen=True, slots=True)
+class InfraredModel:
+    """A circle of sensors around the body."""
+
+    radius_m: float = 0.0
+    height_m: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class LedModel:
+    """Where a robot's LEDs are, seen from above."""
+
+    ring_m: tuple[Point, ...] = ()
+    front_m: Point = (0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class RobotModel:
+    """A kind of robot; see the module.
+
+    Attributes:
+        file: where it was read.
+        step_m: way of a wheel per motor step.
+    """
+
+    file: Path
+    radius_m: float
+    height_m: float
+    marker_height_m: float
+    mass_kg: float
+    axle_m: float
+    diameter_m: float
+    steps_per_turn: int
+    max_steps_s: int
+    timer_hz: int = 0
+    acceleration_m_s2: float = 0.0
+    ring: RingModel = RingModel()
+    infrared: InfraredModel = InfraredModel()
+    ground_m: tuple[Point, ...] = ()
+    leds: LedModel = LedModel()
+
+    @property
+    def name(self) -> str:
+        """What experiments call it."""
+        return self.file.stem
+
+    @property
+    def step_m(self) -> float:
+        return self.diameter_m * math.pi / self.steps_per_turn
+
+    @property
+    def v_max_m_s(self) -> float:
+        """Fastest speed that its wheels can be told."""
+        return self.max_steps_s * self.step_m
+
+    @property
+    def reach_m(self) -> float:
+        """How far from its middle something may be that it touches or feels."""
+        return self.radius_m + self.ring.table_m[-1] + _CLOSE_M
+
+    def motor_speed(self, steps_s: float) -> float:
+        """The speed [step/s] at which a motor turns when it is commanded `steps_s`."""
+        commanded = min(int(abs(steps_s)), self.max_steps_s)
+        if commanded == 0 or self.timer_hz == 0:
+            return math.copysign(commanded, steps_s)
+        return math.copysign(self.timer_hz / (self.timer_hz // commanded), steps_s)
+
+
+_CLOSE_M = 0.005
+"""More than bodies can close in a tick."""
+
+
+def model_of(name: str, folder: Path | None = None) -> RobotModel:
+    """The model of a name: a file in `folder`, or a shipped one.
+
+    Raises:
+        WorldError: there is none of this name.
+        UsageError: its file cannot be read.
+        ConfigError: the file is wrong; the error names file, line, value and expectation.
+    """
+    own = None if folder is None else folder / f"{name}{MODEL_SUFFIX}"
+    if own is not None and "/" not in name and own.is_file():
+        return read_model(own)
+    if name not in shipped_models():
+        there = instead(name, [*shipped_models(), *_names(folder)])
+        raise WorldError(f"there is no robot model {name!r}; {there}")
+    return read_model(MODELS_FOLDER / f"{name}{MODEL_SUFFIX}")
+
+
+def shipped_models() -> tuple[str, ...]:
+    """The names of the models that come with vsense."""
+    return tuple(sorted(_names(MODELS_FOLDER)))
+
+
+def _names(folder: Path | None) -> list[str]:
+    return [] if folder is None else [file.stem for file in folder.glob(f"*{MODEL_SUFFIX}")]
+
+
+@cache
+def read_model(path: Path) -> RobotModel:
+    """The model of a file, read once; raises as `model_of`."""
+    return _read(path)
+
+
+def _numbers(least: float, most: float, sizes: Sequence[int]) -> Reader:
+    """Reads a list of numbers."""
+    number = real(least, most)
+
+    def read(value: Any) -> tuple[float, ...]:
+        if not isinstance(value, list) or len(value) not in sizes:
+            counts = f"{sizes[0]} to {sizes[-1]}" if len(sizes) > 1 else str(sizes[0])
+            raise ValueError(f"a list of {counts} numbers")
+        return tuple(number(part) for part in value)
+
+    return read
+
+
+def _points(sizes: Sequence[int]) -> Reader:
+    """Reads a list of places."""
+    point = _numbers(-_MOST_M, _MOST_M, (2,))
+
+    def read(value: Any) -> tuple[tuple[float, ...], ...]:
+        if not isinstance(value, list) or len(value) not in sizes:
+            raise ValueError(f"a list of {sizes[0]} to {sizes[-1]} places [x, y]")
+        return tuple(point(part) for part in value)
+
+    return read
+
+
+_MOST_M = 5.0
+_LENGTH = real(0.001, _MOST_M, " m")
+_SENSORS = range(1, RING_SENSORS + 1)
+_TABLE = range(2, kernels.VS_RING_TABLE_MAX + 1)
+_RAW = (0.0, float(kernels.VS_RING_RAW_MAX))
+_SCHEMA: Mapping[str, Mapping[str, Reader]] = {
+    "body": {
+        "radius_m": _LENGTH,
+        "height_m": _LENGTH,
+        "marker_height_m": _LENGTH,
+        "mass_kg": real(0.001, 1000.0, " kg"),
+    },
+    "wheels": {
+        "axle_m": _LENGTH,
+        "diameter_m": _LENGTH,
+        "steps_per_turn": integer(1, 1_000_000),
+        "max_steps_s": integer(1, 32_767),
+        "timer_hz": integer(0, 1_000_000),
+        "acceleration_m_s2": real(0.0, 1000.0, " m/s2"),
+    },
+    "ring": {
+        "places_m": _points(_SENSORS),
+        "headings_deg": _numbers(-360.0, 360.0, _SENSORS),
+        "half_cone_deg": real(0.0, 90.0, " degrees"),
+        "table_m": _numbers(0.0, _MOST_M, _TABLE),
+        "table_raw": _numbers(*_RAW, _TABLE),
+        "noise_raw": real(*_RAW),
+    },
+    "infrared": {"radius_m": _LENGTH, "height_m": _LENGTH},
+    "ground": {"places_m": _points(range(1, 33))},
+    "leds": {"ring_m": _points(_SENSORS), "front_m": _numbers(-_MOST_M, _MOST_M, (2,))},
+}
+_OPTIONAL = {
+    "wheels": ("timer_hz", "acceleration_m_s2"),
+    "ring": (),
+    "infrared": (),
+    "ground": (),
+    "leds": (),
+}
+"""Tables that a file may lack, and what those that it has may lack; [wheels] must be there."""
+
+
+def _read(path: Path) -> RobotModel:
+    file = TomlFile(path, read_toml_text(path))
+    tables = file.read(_SCHEMA)
+    for name, form in _SCHEMA.items():
+        if name not in tables and name in _OPTIONAL and name != "wheels":
+            continue
+        lacking = [key for key in form if key not in tables.get(name, {})]
+        for key in lacking:
+            if key not in _OPTIONAL.get(name, ()):
+                raise file.error(f"[{name}] lacks {key}", name)
+    if "ring" in tables:
+        _check_ring(file, tables["ring"])
+    parts: dict[str, Callable[..., Any]] = {
+        "ring": RingModel, "infrared": InfraredModel, "leds": LedModel,
+    }  # fmt: skip
+    return RobotModel(
+        file=path,
+        **tables["body"],
+        **tables["wheels"],
+        ground_m=tables.get("ground", {}).get("places_m", ()),
+        **{name: make(**tables[name]) for name, make in parts.items() if name in tables},
+    )
+
+
+def _check_ring(file: TomlFile, ring: Mapping[str, Any]) -> None:
+    """Refuses lists that do not belong together, and a table that does not rise."""
+    for one, other in (("places_m", "headings_deg"), ("table_m", "table_raw")):
+        if len(ring[one]) != len(ring[other]):
+            words = f"has {len(ring[other])} numbers, expected {len(ring[one])} as {one}"
+            raise file.error(f"{other} {words}", "ring", other)
+    distances = ring["table_m"]
+    if any(b <= a for a, b in pairwise(distances)):
+        raise file.error("table_m: expected rising distances", "ring", "table_m")
+
+
+EPUCK = model_of("epuck")
+"""What a robot is unless a file says otherwise, and what a tagged object's body is like."""
