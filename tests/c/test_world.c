@@ -83,7 +83,8 @@ static void the_crowd_stands_where_it_was_seen(void)
     struct vs_world world = {&fields, kept, 6, 6, kept + 6 * ROW, 3};
     struct vs_obstacle bodies[10];
     struct vs_obstacles obstacles;
-    struct vs_crowd crowd = {&world, bodies, HEIGHT_M, 100, &obstacles, NULL, 0};
+    double heights_m[9];
+    struct vs_crowd crowd = {&world, bodies, heights_m, 100, &obstacles, NULL, 0};
     uint32_t memory[2000], i;
     int64_t captures_ns[] = {1000, 900, 899, -1, 950, 0, 1000, -1, 901};
 
@@ -91,6 +92,8 @@ static void the_crowd_stands_where_it_was_seen(void)
     memset(&obstacles, 0, sizeof obstacles);
     for (i = 0; i < 10; i++)
         bodies[i].radius_m = 0.035;
+    for (i = 0; i < 9; i++)
+        heights_m[i] = HEIGHT_M;
     bodies[9].z_high_m = 0.5;
     for (i = 0; i < 9; i++) {
         double place[3] = {draw(-1.0, 1.0), draw(-1.0, 1.0), 0.0};
