@@ -159,6 +159,7 @@ def test_what_needs_an_extra_says_so_before_anything_starts(package: str, folder
 
 
 def test_every_extra_is_tried() -> None:
-    # see tests/studies, and what robot/drivers/thymio.py says
-    from_python = {"anywidget", "pandas", "pettingzoo", "pyarrow", "thymiodirect"}
+    # see tests/studies, and what robot/drivers/thymio.py and ros2.py say
+    from_python = {"anywidget", "pandas", "pettingzoo", "pyarrow"}
+    from_python |= {"cyclonedds", "serial", "thymiodirect"}
     assert set(NEEDS) == set(EXTRAS) - from_python

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import pty
 import re
@@ -504,14 +505,13 @@ def test_a_driver_in_c_is_one_short_file(tmp_path: Path, steady: Path) -> None:
         host.close()
 
 
-def test_an_epucks_driver_whose_line_is_gone_ends() -> None:
+def test_an_epucks_driver_whose_line_is_gone_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     """A terminal that was hung up is readable for ever, and has nothing."""
+    monkeypatch.syspath_prepend(str(ROOT / "robot" / "drivers"))
     master, device = pty.openpty()
-    driver = ROOT / "robot" / "drivers" / "epuck.py"
-    command = [sys.executable, str(driver), os.ttyname(device)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-        assert select.select([master], [], [], 20)[0], "it asks for the version"
-        os.read(master, 100)
-        os.close(device)
-        os.close(master)
-        assert process.wait(20) != 0
+    robot = importlib.import_module("epuck").EPuck(os.ttyname(device))
+    os.close(device)
+    os.close(master)
+    with pytest.raises(SystemExit, match="the serial line is gone"):
+        robot.read()
+    os.close(robot.line)

@@ -26,6 +26,7 @@ EXTRAS = {
     "pettingzoo": "learn",
     "pyarrow": "tables",
     "scipy": "report",
+    "serial": "thymio",
     "thymiodirect": "thymio",
     "ziglang": "robot",
     "zstandard": "record",

@@ -346,7 +346,7 @@ def add_bases(parser: Any, bases: Sequence[str]) -> None:
         "--base",
         choices=bases,
         default=bases[0],
-        help="what the emulated robots are based on, as in vsensed --base; mixed: one after the"
+        help="what the emulated robots are based on, as in vsensed --base; mixed: one board after the"
         f" other (default: {bases[0]})",
     )
     text = (

@@ -32,7 +32,8 @@ BASE_KINDS = ("argos", "asercom", "gctronic", "york", "exec", "wifi")
 """The names of `vsensed --base`."""
 
 MIXED = "mixed"
-"""One kind after the other."""
+"""One kind of board after the other; drivers and radios start their line again for ever."""
+_BOARDS = BASE_KINDS[:4]
 
 BASES = (*BASE_KINDS, MIXED)
 
@@ -41,7 +42,7 @@ def bases_of(name: str, count: int) -> list[str]:
     """The kind of base of each of `count` robots; UsageError where `name` is none of `BASES`."""
     if name not in BASES:
         raise UsageError(f"no base {name!r} in the lab: expected one of {', '.join(BASES)}")
-    kinds = BASE_KINDS if name == MIXED else (name,)
+    kinds = _BOARDS if name == MIXED else (name,)
     return [kinds[robot % len(kinds)] for robot in range(count)]
 
 
