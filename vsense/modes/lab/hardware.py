@@ -28,12 +28,12 @@ from vsense.world.physics.motion import AXLE_M, WHEEL_DIAMETER_MM
 
 Floats = NDArray[np.float64]
 
-BASE_KINDS = ("argos", "asercom", "gctronic", "york", "exec", "wifi")
+_BOARDS = ("argos", "asercom", "gctronic", "york")
+BASE_KINDS = (*_BOARDS, "exec", "wifi")
 """The names of `vsensed --base`."""
 
 MIXED = "mixed"
 """One kind of board after the other; drivers and radios start their line again for ever."""
-_BOARDS = BASE_KINDS[:4]
 
 BASES = (*BASE_KINDS, MIXED)
 
