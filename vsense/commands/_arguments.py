@@ -346,8 +346,8 @@ def add_bases(parser: Any, bases: Sequence[str]) -> None:
         "--base",
         choices=bases,
         default=bases[0],
-        help="what the emulated robots are based on, as in vsensed --base; mixed: one after the"
-        f" other (default: {bases[0]})",
+        help="what the emulated robots are based on, as in vsensed --base; mixed: one board"
+        f" after the other (default: {bases[0]})",
     )
     text = (
         "the emulated firmware stops the wheels 400 ms after the last command, as one built"
