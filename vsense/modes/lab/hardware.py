@@ -24,7 +24,7 @@ from vsense.base.errors import UsageError
 from vsense.config.roster_fields import MarkerOffset
 from vsense.config.specs import Experiment
 from vsense.modes.lab._real_sensors import SensorHardware, draw_sensors
-from vsense.world.physics.motion import AXLE_M, WHEEL_DIAMETER_MM
+from vsense.world.robot_models import EPUCK, RobotModel
 
 Floats = NDArray[np.float64]
 
@@ -88,11 +88,12 @@ class RobotHardware:
     right: float
     axle_m: float
     sensors: SensorHardware | None = None
+    model: RobotModel = EPUCK
 
     @property
     def wheel_diameter_mm(self) -> float:
         """The mean of both wheels."""
-        return WHEEL_DIAMETER_MM * (self.left + self.right) / 2.0
+        return (1000.0 * self.model.diameter_m) * (self.left + self.right) / 2.0
 
     @property
     def wheel_ratio(self) -> float:
@@ -122,8 +123,8 @@ def scales(spans: Mapping[str, Floats]) -> dict[str, str]:
     }
 
 
-def draw(tag: int, errors: HardwareErrors) -> RobotHardware:
-    """Draws the robot with a tag."""
+def draw(tag: int, errors: HardwareErrors, model: RobotModel = EPUCK) -> RobotHardware:
+    """Draws the robot with a tag, of a model."""
     random = np.random.default_rng([errors.seed, tag, 11])
     # A disc's even distribution; all numbers are always drawn, so that each depends on itself only.
     away_m = errors.marker_m * math.sqrt(random.random())
@@ -137,8 +138,9 @@ def draw(tag: int, errors: HardwareErrors) -> RobotHardware:
         MarkerOffset(x_m, y_m, float(yaw_rad)),
         float(left),
         right,
-        float(AXLE_M * axle),
+        float(model.axle_m * axle),
         sensors,
+        model,
     )
 
 
@@ -147,13 +149,16 @@ _DEAD = 1e-6
 
 
 def draw_all(
-    tags: Sequence[int], errors: HardwareErrors, dead: Collection[int] = ()
+    tags: Sequence[int],
+    errors: HardwareErrors,
+    dead: Collection[int] = (),
+    models: Mapping[int, RobotModel] = {},
 ) -> dict[int, RobotHardware]:
-    """Draws the robots with these tags, of which the `dead` do not move; none where all is as it
-    should be."""
+    """Draws the robots with these tags, e-pucks unless `models` says otherwise, of which the `dead`
+    do not move; none where all is as it should be."""
     if not errors.any and not dead:
         return {}
-    robots = {tag: draw(tag, errors) for tag in tags}
+    robots = {tag: draw(tag, errors, models.get(tag, EPUCK)) for tag in tags}
     return robots | {tag: replace(robots[tag], left=_DEAD, right=_DEAD) for tag in dead}
 
 
