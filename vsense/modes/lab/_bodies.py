@@ -6,10 +6,12 @@ the marker at its true height, so that perspective shows the sides as in a real 
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
 from enum import Enum
 from functools import lru_cache
+from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -18,7 +20,7 @@ from vsense.base.shared import LabError
 from vsense.modes.lab._optics import BLUR_SIGMA_PX, Floats
 from vsense.vision.cameras.camera import Camera, Image32
 from vsense.vision.markers.families import Family
-from vsense.world.robot_models import EPUCK, RobotModel
+from vsense.world.robot_models import EPUCK, RobotModel, read_model
 
 PAPER_REFLECTANCE, INK_REFLECTANCE = 0.84, 0.05
 """Reflectances of a marker's white and black."""
@@ -68,6 +70,16 @@ class Body:
             raise LabError(f"body {self.tag}: kind {self.kind!r} is neither robot nor object")
         if not 0.0 < self.height_m < 1.0:
             raise LabError(f"body {self.tag}: height_m: {self.height_m} is not in (0, 1)")
+
+    def message(self) -> dict[str, Any]:
+        """What the process of the cameras is sent."""
+        return asdict(self) | {"model": str(self.model.file)}
+
+    @classmethod
+    def of(cls, message: Mapping[str, Any]) -> Body:
+        """Reads a `message`; ValueError, KeyError, TypeError or WorldError where it is none."""
+        model = read_model(Path(message["model"]))
+        return cls(**{**message, "marker": tuple(message["marker"]), "model": model})
 
 
 class Effect(Enum):

@@ -22,7 +22,7 @@ from vsense.modes.lab._reach import reachable
 from vsense.modes.lab.hardware import RobotHardware
 from vsense.vision.cameras.camera import Camera
 from vsense.world.entities import Arena
-from vsense.world.robot_models import EPUCK, read_model
+from vsense.world.robot_models import EPUCK
 
 GridShape = tuple[int, int]
 """Columns along x, and rows along y."""
@@ -163,7 +163,7 @@ class LabCameraSpec:
 
     def to_json(self) -> str:
         """The spec as one line."""
-        bodies = [asdict(body) | {"model": str(body.model.file)} for body in self.bodies]
+        bodies = [body.message() for body in self.bodies]
         return json.dumps(asdict(self) | {"log": str(self.log), "bodies": bodies})
 
     @classmethod
@@ -175,16 +175,7 @@ class LabCameraSpec:
                 Camera.from_json(json.dumps(camera)) for camera in values["cameras"]
             )
             values["boxes"] = tuple(Block(**box) for box in values["boxes"])
-            values["bodies"] = tuple(
-                Body(
-                    **{
-                        **body,
-                        "marker": tuple(body["marker"]),
-                        "model": read_model(Path(body["model"])),
-                    }
-                )
-                for body in values["bodies"]
-            )
+            values["bodies"] = tuple(Body.of(body) for body in values["bodies"])
             values["log"] = Path(values["log"])
             return cls(**values)
         except (TypeError, ValueError, KeyError, VsenseError) as error:

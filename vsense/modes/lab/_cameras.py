@@ -36,6 +36,7 @@ from vsense.modes.lab._camera_spec import Exposure, LabCameraSpec
 from vsense.modes.lab._optics import EXPOSURE_NS, SAMPLES, sample_times_ns
 from vsense.modes.lab._renderer import Studio
 from vsense.modes.lab.truth import TruthLog, TruthReader
+from vsense.world.entities import WorldError
 
 PREPARE_NS = 15_000_000
 """Drawing the empty arena begins so long before the trigger."""
@@ -108,9 +109,8 @@ class CameraProcess:
     def _dress(self, line: bytes) -> None:
         try:
             said = json.loads(line)
-            body = Body(**{**said["body"], "marker": tuple(said["body"]["marker"])})
-            self._studio.dress(int(said["row"]), body)
-        except (ValueError, KeyError, TypeError, IndexError):
+            self._studio.dress(int(said["row"]), Body.of(said["body"]))
+        except (ValueError, KeyError, TypeError, IndexError, WorldError):
             raise LabError(f"cameras: {line[:80]!r} makes no sense") from None
 
     def _expose(self, timestep: int, capture_ns: int, stdin: Input) -> Exposure | None:

@@ -8,7 +8,6 @@ import select
 import time
 from collections import deque
 from contextlib import suppress
-from dataclasses import asdict
 
 from vsense.base.arena import Frame
 from vsense.base.clock import host_ns, real_s
@@ -88,7 +87,7 @@ class LabGrabber:
         Raises:
             GrabberError: the process has ended.
         """
-        self._send(json.dumps({"row": row, "body": asdict(body)}))
+        self._send(json.dumps({"row": row, "body": body.message()}))
 
     def next(self, timeout_s: float) -> list[Frame]:
         """Waits for the newest timestep's pictures, in the order of the cameras.
