@@ -260,6 +260,7 @@ def test_a_campaign_is_a_table_that_goes_on(capsys: pytest.CaptureFixture[str]) 
         (lambda: load_experiment("foraging").simulate(2**32), "0 to 4294967295"),
         (lambda: load_experiment("foraging").simulate("a"), "seed='a': expected a whole"),
         (lambda: load_experiment("foraging").simulate_many([1, 1]), "one or more, each once"),
+        (lambda: load_experiment("foraging").simulate_many([1], on=7), "on=7: expected HOST:PORT"),
         (lambda: load_experiment("foraging").simulate_many([]), "one or more, each once"),
         (lambda: load_experiment("foraging").simulate_many(3), "expected a list"),
         (lambda: load_experiment("foraging").simulate_many([1], jobs=-1), "jobs=-1: expected"),
