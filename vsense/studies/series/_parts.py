@@ -37,9 +37,10 @@ class PlannedExperiment:
 
     @property
     def files(self) -> set[Path]:
-        """The experiment's file, and those of its controllers and loop functions."""
+        """The experiment's file, those of robots' models, controllers and loop functions."""
         experiment, loop = self.experiment, self.experiment.loop_functions
         sources = {path for spec in experiment.controllers for path in spec.sources}
+        sources |= {body.model.file for body in experiment.bodies}
         return {experiment.path, *sources, *(() if loop is None else (loop.path,))}
 
 
