@@ -440,7 +440,7 @@ def test_functions_fit_a_screen() -> None:
 
 BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
-    "vsense in Python": (("vsense",), (".py",), 520, 106100, 400),
+    "vsense in Python": (("vsense",), (".py",), 520, 106200, 400),
     "the page": (("vsense",), (".js", ".css", ".html"), 46, 6000, 300),
     "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 292, 32250, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 34, 7100, 512),

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from vsense.base.native import lib
 from vsense.base.xml.element import Element, shown
-from vsense.config import argos
+from vsense.config import argos, geofence
 from vsense.config._distribute import OBJECT_ELEMENT, DistributedCrowd, DistributedSpec
 from vsense.config._things import Media, read_place
+from vsense.config.geofence import Geofence
 from vsense.config.specs import FieldSpec, FloorSpec, ObjectSpec, Pose, RobotSpec, Stage
 from vsense.world.entities import VIRTUAL_TAG_MIN, Arena, Entity, VirtualRobot, WorldError
 from vsense.world.robot_models import EPUCK, RobotModel, model_of
@@ -73,6 +75,15 @@ class ArenaContents:
         """All entities by id; the places of the distributed ones are not known yet."""
         entities = [*self.entities, *(spec.entity for spec in self.distributed)]
         return {entity.id: entity for entity in entities}
+
+    def read_geofence(
+        self, arena: Element, simulated: bool, replaced: Iterable[tuple[int, int]]
+    ) -> Geofence | None:
+        """Reads the fence of all that is here; see `geofence.read_geofence`."""
+        fastest_m_s = max(robot.model.v_max_m_s for robot in self.robots)
+        return geofence.read_geofence(
+            arena, self.arena, self.tags, simulated, replaced, fastest_m_s
+        )
 
     def claim_id(self, element: Element, name: str) -> None:
         """Notes an id, which must be printable and no other element's."""
