@@ -442,7 +442,7 @@ BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
     "vsense in Python": (("vsense",), (".py",), 520, 106000, 400),
     "the page": (("vsense",), (".js", ".css", ".html"), 46, 6000, 300),
-    "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 292, 32250, 400),
+    "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 293, 32300, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 34, 7100, 512),
     "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 639, 109400, 657),
 }

@@ -18,9 +18,10 @@ from pathlib import Path
 import pytest
 
 from tests.rigs.places import ROOT
-from tests.rigs.processes import PATIENCE_S, Lab
+from tests.rigs.processes import PATIENCE_S, Lab, descendants
 from tests.robots.link.legacy_rig import Client
 from vsense.modes.lab._microcontrollers import read_actuations
+from vsense.modes.lab.hardware import BASE_KINDS
 from vsense.monitor.recording.reader import open_recording
 
 pytestmark = pytest.mark.system
@@ -212,10 +213,17 @@ def test_closed_outputs_cost_no_measurement(directory: Path) -> None:
 
 @pytest.mark.paced
 def test_killed_host_leaves_no_process(directory: Path) -> None:
-    lab = start(directory, "--duration", "600")
+    """Whatever robots are based on: a driver and a radio are there when the lab is not."""
+    count = len(BASE_KINDS)
+    lab = Lab(
+        directory, "pollutant", "--port", "0", "--robots", f"{count}", *("--base", "mixed"),
+        *("--duration", "600"),
+    )  # fmt: skip
     lab.wait_for("timestep \\d")
-    relatives = lab.relatives()
-    assert len(relatives) >= 8  # 3 robots with 2 processes each, cameras, physics
+    relatives = descendants(lab.process.pid)
+    drivers = [n for n in relatives if b"epuck.py" in Path(f"/proc/{n}/cmdline").read_bytes()]
+    # its daemon's two name it, too; 2 processes each, the driver, cameras, physics
+    assert len(drivers) == 3 and len(relatives) >= 2 * count + 3
     descriptors = [os.pidfd_open(pid) for pid in relatives]
     lab.process.kill()
     lab.end()

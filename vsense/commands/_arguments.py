@@ -346,7 +346,7 @@ def add_bases(parser: Any, bases: Sequence[str]) -> None:
         "--base",
         choices=bases,
         default=bases[0],
-        help="what the emulated robots are based on, as in vsensed --base; mixed: one board"
+        help="what the emulated robots are based on, as in vsensed --base; mixed: one kind"
         f" after the other (default: {bases[0]})",
     )
     text = (

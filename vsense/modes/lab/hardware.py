@@ -28,12 +28,11 @@ from vsense.world.robot_models import EPUCK, RobotModel
 
 Floats = NDArray[np.float64]
 
-_BOARDS = ("argos", "asercom", "gctronic", "york")
-BASE_KINDS = (*_BOARDS, "exec", "wifi")
+BASE_KINDS = ("argos", "asercom", "gctronic", "york", "exec", "wifi")
 """The names of `vsensed --base`."""
 
 MIXED = "mixed"
-"""One kind of board after the other; drivers and radios start their line again for ever."""
+"""One kind after the other."""
 
 BASES = (*BASE_KINDS, MIXED)
 
@@ -42,7 +41,7 @@ def bases_of(name: str, count: int) -> list[str]:
     """The kind of base of each of `count` robots; UsageError where `name` is none of `BASES`."""
     if name not in BASES:
         raise UsageError(f"no base {name!r} in the lab: expected one of {', '.join(BASES)}")
-    kinds = _BOARDS if name == MIXED else (name,)
+    kinds = BASE_KINDS if name == MIXED else (name,)
     return [kinds[robot % len(kinds)] for robot in range(count)]
 
 
