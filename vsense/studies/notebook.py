@@ -2,7 +2,7 @@
 
     foraging = vsense.load("foraging", duration_s=60)
     run = foraging.simulate(seed=1)
-    run.poses["x_m"]                                   # (timesteps, robots)
+    run.poses[:, :, :2]                                # (timesteps, robots, 2): x and y [m]
     runs = foraging.simulate_many(range(1, 11), {"foraging.release": [0, 0.3, 1]}, "release.csv")
     runs.to_pandas().groupby("foraging.release")["items_home"].median()
 
@@ -38,6 +38,7 @@ from vsense.studies.report import FORMATS
 from vsense.studies.results import FinishedRun, RunTable
 
 if TYPE_CHECKING:
+    from vsense.modes.sim.engine import JobExecutor
     from vsense.modes.sim.stepping import Reward
     from vsense.studies._parallel import SwarmEnvironment
     from vsense.studies.live_run import LiveRun
@@ -180,6 +181,7 @@ class LoadedExperiment:
         settings: Mapping[str, Sequence[Setting]] | None = None,
         output: str | Path = "results.csv",
         jobs: int | None = None,
+        on: str | JobExecutor | None = None,
         progress: bool = False,
     ) -> RunTable:
         """Simulates every combination of settings with every seed: a campaign.
@@ -189,17 +191,25 @@ class LoadedExperiment:
             settings: values by `ELEMENT.attribute`.
             output: the table, a .csv file. Runs that are in it are not made again.
             jobs: runs at the same time; None: one for each processor.
+            on: what does the runs instead of this computer: a `concurrent.futures.Executor`, or the
+                address of a Dask scheduler (extra `cluster`).
 
         Raises:
             KeyboardInterrupt: Ctrl-C; the same call goes on from there.
             VsenseError: a run cannot be made; or the table is of another campaign.
         """
+        from vsense.modes.sim.engine import Engine
         from vsense.studies.series import campaign
+        from vsense.studies.series._simulated import check_simulator
 
         fixed = {key: (value,) for key, value in self.options.settings.items()}
         varied = {k: tuple(map(str, listed(k, given))) for k, given in (settings or {}).items()}
         wanted = [checked("seeds", seed, int, 1, MOST_SEED) for seed in listed("seeds", seeds)]
         jobs = checked("jobs", jobs, int, 1)
+        address = on if isinstance(on, str) else None
+        executor = None if isinstance(on, str) else on
+        if not (executor is None or hasattr(executor, "submit")):
+            raise UsageError(f"on={on!r}: expected HOST:PORT, or an executor, which has submit()")
         path = Path(os.path.abspath(output)).with_suffix(".csv")
         table = campaign.Campaign(
             Sweep({**fixed, **varied}, tuple(wanted)),
@@ -207,9 +217,12 @@ class LoadedExperiment:
             path,
             path.with_suffix(f".{FORMATS[0]}"),
             jobs=jobs,
+            on=address,
         )
+        check_simulator(address, jobs, record=False)
+        engine = None if executor is None else Engine(type(executor).__name__, executor)
         with interruptible() as interrupted:
-            campaign.run(table, console_of(progress), interrupted)
+            campaign.run(table, console_of(progress), interrupted, engine)
         return RunTable(path)
 
     def lab(
