@@ -130,6 +130,9 @@ class RobotModel:
         return math.copysign(self.timer_hz / (self.timer_hz // commanded), steps_s)
 
 
+WHEELS = ("axle_m", "max_steps_s", "timer_hz")
+"""What of its wheels decides how a robot drives; a step is the same for all."""
+
 _CLOSE_M = 0.005
 """More than bodies can close in a tick."""
 

@@ -49,7 +49,8 @@ def driven(
 
 def motion(poses: Floats, orders: WheelOrders | None, light: Floats) -> RunMotion:
     times_s, free = np.arange(STEPS) * DT_S, np.ones((STEPS, 1), bool)
-    return RunMotion(DT_S, (TAG,), times_s, poses, free, (orders,), {("light", ""): light})
+    axles_m, readings = (EPUCK.axle_m,), {("light", ""): light}
+    return RunMotion(DT_S, (TAG,), times_s, poses, free, (orders,), axles_m, readings)
 
 
 @pytest.mark.parametrize("lag_s", [0.0, 0.13])
