@@ -84,7 +84,7 @@ class PhysicsProcess:
         kinds, grounded = spec.bases, bool(spec.black)
         self.controllers = Microcontrollers(kinds, spec.watchdog, grounded, models)
         sensors = spec.sensors or [NOMINAL_SENSORS] * len(spec.robots)
-        built = (np.array([getattr(s, n) for s in sensors]) for n in ("gains", "biases"))
+        built = [np.array([getattr(s, n) for s in sensors]) for n in ("gains", "biases")]
         gains, biases = built if spec.sensors else (None, np.zeros((0, RING_SENSORS)))
         self._rings = ProximityRing(self._physics.near, spec.seed, gains, biases, models)
         self._ground = RealGround(spec.black, sensors, spec.seed) if spec.black else None
@@ -92,7 +92,8 @@ class PhysicsProcess:
         self._leds = np.zeros(len(self._physics.poses), dtype=np.uint16)
         self._log = ActuationLog(spec.log)
         self._truth = TruthWriter(spec.truth, len(self._physics.poses))
-        self._lateness, self._ticks, self._objects = Lateness(), 0, len(spec.objects)
+        self._lateness, self._ticks = Lateness(), 0
+        self._objects = len(spec.objects)
         self._tick_ns = now_ns
         self._publish()
 
@@ -258,8 +259,7 @@ class PhysicsHandle:
         self.log = directory / "actuations.bin"
         self._process, self._stdin, self._stdout = start_module("vsense.modes.lab._physics_process")
         spec = _spec(experiment, truth, seed, self.log, hardware, black)
-        types = dict(experiment.casting.types)
-        spec["bases"] = bases_of(base, [types.get(robot.tag, "") for robot in experiment.robots])
+        spec["bases"] = bases_of(base, _types(experiment))
         spec |= {"watchdog": watchdog, "permille": round(clock.pace() * 1000)}
         try:
             self._stdin.write(json.dumps(spec).encode() + b"\n")
@@ -335,6 +335,11 @@ def _spec(
         **({"built": built} if built else {}),
         **({"sensors": sensors} if sensors else {}),
     }
+
+
+def _types(experiment: Experiment) -> list[str]:
+    known = dict(experiment.casting.types)
+    return [known.get(robot.tag, "") for robot in experiment.robots]
 
 
 def _pose(body: RobotSpec | ObjectSpec) -> dict[str, float]:
