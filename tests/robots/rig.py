@@ -251,6 +251,7 @@ class Daemon:
         # In a process group of its own: the kernel ignores Ctrl-Z in one that nobody waits for.
         self.process = subprocess.Popen(
             [program, *arguments],
+            stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             preexec_fn=os.setpgrp,

@@ -33,7 +33,8 @@ class Casting:
         limit: so many robots play: the first of the file, or more than it has, which are added to
             its `<distribute>`. None: the file's.
         replaced: who plays in whose place.
-        types: the kind of base of each robot that has one in the roster, such as "argos".
+        types: the kind of base of each robot that has one in the roster, such as "argos", or its
+            driver, such as "thymio".
     """
 
     roster: str = ""
@@ -52,7 +53,7 @@ class Casting:
             return cls(limit=limit, replaced=tuple(replaced))
         free = tuple(robot.tag for robot in roster.robots if robot.is_ready)
         others = tuple((r.tag, r.why_not) for r in roster.robots if not r.is_ready)
-        types = tuple((r.tag, r.base.partition(":")[0]) for r in roster.robots if r.base)
+        types = tuple((r.tag, _type_of(r.base)) for r in roster.robots if r.base)
         return cls(str(roster.path), free, others, limit, tuple(replaced), types)
 
     @classmethod
@@ -89,6 +90,11 @@ class Casting:
     def spares(self, playing: Collection[int]) -> list[int]:
         """The roster's spares that work and do not play."""
         return [tag for tag, why in self.others if why == SPARE and tag not in playing]
+
+
+def _type_of(base: str) -> str:
+    kind, _, device = base.partition(":")
+    return device.split()[0].removesuffix(".py") if kind == "exec" and device.split() else kind
 
 
 def pair(text: str) -> Pair:
