@@ -447,8 +447,8 @@ BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     "vsense in Python": (("vsense",), (".py",), 520, 106700, 400),
     "the page": (("vsense",), (".js", ".css", ".html"), 46, 6000, 300),
     "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 292, 32250, 400),
-    "C++": (("robot",), (".cpp", ".hpp"), 34, 7100, 512),
-    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 639, 109400, 657),
+    "C++": (("robot",), (".cpp", ".hpp"), 38, 7700, 512),
+    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 639, 109900, 657),
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 

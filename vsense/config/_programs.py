@@ -222,9 +222,10 @@ def argos_lines(element: Element, params: Element | None, devices: Devices) -> s
             lines.append(f"vs:said_bytes={actuator.actuator.size}")
     model = devices.robots.model
     if model != EPUCK:
-        sensors_around = len(model.infrared.angles_rad)
+        sensors_around, bases = len(model.infrared.angles_rad), len(model.base_ground_m)
         lines += [f"vs:axle_cm={100 * model.axle_m!r}", f"vs:lamps={len(model.lamps_m)}"]
         lines += [f"vs:two_radii_cm={200 * model.radius_m!r}", f"vs:ring={sensors_around}"]
+        lines += [f"vs:below={len(model.ground_m) + bases}", f"vs:bases={bases}"]
     # A parameter has a name and a value: the marks that have none are given an empty one.
     nodes = ["<params", ">"] if params is None else tree(params)
     lines += [node if node[0] == "@" else f"{node[0]}={node[1:]}" for node in nodes]
