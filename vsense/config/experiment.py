@@ -244,7 +244,7 @@ def _read_controller(
     if program.is_argos or program.is_lua:
         _programs.check_added(params, program)
         settings = _programs.settings(params)
-        argos_lines = _programs.argos_lines(element, params, devices.sensors, devices.actuators)
+        argos_lines = _programs.argos_lines(element, params, devices)
     elif params is not None:
         settings = collect(params, {})
     if library == argos.STAND_STILL:
