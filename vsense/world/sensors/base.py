@@ -119,16 +119,7 @@ class RobotSettings:
         radio, aperture_rad = model.radio, math.radians(model.camera.aperture_deg)
         return cls(model, radio.range_m, radio.bytes, aperture_rad)
 
-    def list_bytes(self, epuck_bytes: int) -> int:
-        """How much of a datagram a list of neighbours may take, of which an e-puck leaves so much:
-        the half of what a robot's rings and ground sensors have more is less."""
-        model, usual = self.model, EPUCK
-        rings = 2 * (len(model.infrared.angles_rad) - len(usual.infrared.angles_rad))
-        below = len(model.ground_m) + len(model.base_ground_m) - len(usual.ground_m)
-        return epuck_bytes - max(_NUMBER_BYTES * (rings + below) // 2, 0)
 
-
-_NUMBER_BYTES = 4
 _USUAL = RobotSettings.of(EPUCK)
 
 
@@ -148,6 +139,7 @@ class Scope:
         most: how many robots there are.
         leds: how many LEDs of others a robot may see.
         watched: loop functions look at the LEDs of robots.
+        list_bytes: how much of a datagram a list of neighbours may take; 0: as an e-puck's.
     """
 
     tags: Mapping[str, int]
@@ -162,6 +154,7 @@ class Scope:
     most: int = 1
     leds: int = 0
     watched: bool = False
+    list_bytes: int = 0
 
     def tag(self, element: Element, attribute: str, default: str) -> int:
         """Reads an attribute that names a tagged thing; ConfigError where there is none."""
