@@ -23,7 +23,7 @@ from typing import Any
 
 import vsense.world.actuators
 import vsense.world.sensors
-from vsense.base.native import WireError, lib
+from vsense.base.native import WireError
 from vsense.base.xml.element import Element
 from vsense.config import argos
 from vsense.config._things import Media, check_medium
@@ -33,7 +33,7 @@ from vsense.world.actuators.base import ActuatorError, MountedActuator, VirtualA
 from vsense.world.actuators.leds import lamps_of
 from vsense.world.entities import Light
 from vsense.world.physics.motion import WheelNoise, Wheels
-from vsense.world.robot_models import EPUCK, RobotModel
+from vsense.world.robot_models import RobotModel
 from vsense.world.sensors.base import (
     MountedSensor,
     RobotSettings,
@@ -213,7 +213,7 @@ def read_devices(
     for kind in _KINDS:
         for devices in mounted:
             scope.robots = devices.robots
-            scope.list_bytes = _list_bytes(devices.section(kind), devices.robots.model)
+            argos.share_room([element.name for element in devices.section(kind)], scope)
             _read_section(devices, kind, scope, media, rule)
     return mounted
 
@@ -230,24 +230,6 @@ def _leds(controllers: Sequence[Element], scope: Scope, models: Sequence[RobotMo
         e for e in scope.entities.values() if isinstance(e, Light) and e.position_m[2] < low_m
     ]
     return per_robot * (scope.most - 1) + things + len(lights)
-
-
-def _list_bytes(elements: Sequence[Element], model: RobotModel) -> int:
-    """What other devices leave of a datagram to each list of neighbours; 0: what an e-puck's
-    leave, which have as much room as ever."""
-    names = [element.name for element in elements]
-    lists = sum(name in (*argos.ARGOS_HEARING, *argos.CAMERA_SENSORS) for name in names)
-    if model == EPUCK or lists == 0:
-        return 0
-    ring = _NUMBER_BYTES * max(len(model.infrared.angles_rad), len(model.infrared.lines_m))
-    taken = [ring if name in _RINGS else _OTHER_BYTES for name in names]
-    room: int = lib.VS_SENSOR_BYTES - sum(taken) + lists * _OTHER_BYTES - len(names) * _STAMP_BYTES
-    return max(room // lists, _OTHER_BYTES)
-
-
-_RINGS = ("footbot_light", "light", *argos.PROXIMITY_SENSORS)
-_NUMBER_BYTES, _OTHER_BYTES, _STAMP_BYTES = 4, 64, 8
-"""Of a number, of a device that is no ring, and of what belongs to each on the wire; at most."""
 
 
 def _read_section(
