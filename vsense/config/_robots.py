@@ -185,7 +185,7 @@ def _read_settings(element: Element, model: RobotModel) -> RobotSettings:
         model,
         rab_range_m=element.number("rab_range", 0.001, 1000.0, "m", usual.rab_range_m),
         message_bytes=min(size, MESSAGE_MAX),
-        aperture_rad=element.angle("omnidirectional_camera_aperture", 0.1, 89.0, aperture_deg),
+        aperture_rad=element.angle("omnidirectional_camera_aperture", 0.1, 89.999, aperture_deg),
     )
 
 
