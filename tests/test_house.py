@@ -444,7 +444,7 @@ BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     "the page": (("vsense",), (".js", ".css", ".html"), 46, 6000, 300),
     "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 295, 32400, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 34, 7100, 512),
-    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 639, 109400, 657),
+    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 643, 110500, 657),
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 
