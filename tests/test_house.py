@@ -359,15 +359,19 @@ def test_kernels_need_a_compiler_only_and_know_no_robot() -> None:
         assert includes(path) <= known | crash, path.name
 
 
-NUMBERS_OF_ROBOTS = ("0.053", "128805", "0.076", "0.041", "0.0205", "45.9", "2133.0", "0.0337")
-"""An e-puck's axle, step, height, wheel, and places and readings of its ring."""
+NUMBERS_OF_ROBOTS = (
+    "0.053", "128805", "0.076", "0.041", "0.0205", "45.9", "2133.0", "0.0337", "0.032", "0.122",
+    "0.0765",
+)  # fmt: skip
+"""An e-puck's axle, step, height, wheel, places and readings of its ring, and where its virtual
+infrared sensors, camera and LEDs are."""
 
 
 def test_only_its_model_knows_a_robots_number() -> None:
     number = re.compile(rf"(?<![\w.])({'|'.join(map(re.escape, NUMBERS_OF_ROBOTS))})(?![\d])")
     assert number.findall("AXLE_M = 0.053") and not number.findall("0.0531, 10.053")
     text = (ROOT / "vsense/world/models/epuck.toml").read_text()
-    assert {"0.053", "0.076", "0.041", "45.9", "2133.0", "0.0337"} == set(number.findall(text))
+    assert {*NUMBERS_OF_ROBOTS} - {"128805", "0.0205"} == set(number.findall(text))
     scripts = (ROOT / "vsense").rglob("*.js")
     for path in (*MODULES.values(), *scripts, *(ROOT / "c_src/host").glob("*.[ch]")):
         code = re.sub(r'""".*?"""|/\*.*?\*/', "", path.read_text(), flags=re.DOTALL)
@@ -440,15 +444,15 @@ def test_functions_fit_a_screen() -> None:
 
 BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
-    "vsense in Python": (("vsense",), (".py",), 522, 106600, 400),
+    "vsense in Python": (("vsense",), (".py",), 522, 106800, 400),
     "the page": (("vsense",), (".js", ".css", ".html"), 46, 6000, 300),
     "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 295, 32400, 400),
-    "C++": (("robot",), (".cpp", ".hpp"), 34, 7100, 512),
-    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 643, 110500, 657),
+    "C++": (("robot",), (".cpp", ".hpp"), 38, 7700, 512),
+    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 643, 111000, 657),
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 
-CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 73000, 49, 19
+CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 73200, 49, 19
 """Lines of code in `vsense/`; imports between rooms, and between folders inside of rooms."""
 DOORS_MAX, NAMES_MAX = 199, 800
 """Modules that another room imports, and names taken from them."""

@@ -9,7 +9,6 @@
 #include "vs_place.h"
 
 #define WIDTH 5         /* numbers of an LED */
-#define APART_M 0.1     /* no two LEDs of a robot are so far from each other */
 #define DIAGONAL 1.4143 /* of a square, over its side: a little more than it is */
 #define FULL 255
 
@@ -55,7 +54,7 @@ static uint32_t add_robot(const struct vs_camera *how, uint32_t robot, const dou
 
     vs_libm_direction(place[2], &cosine, &sine);
     for (k = 0; k < how->leds; k++) {
-        const double *led_m = how->leds_m + 3 * k;
+        const double *led_m = how->leds_m + 3 * ((size_t)how->leds * robot + k);
 
         if (!is_lit(colors + 3 * k))
             continue;
@@ -114,7 +113,7 @@ struct view {
 /* Adds what is seen of some LEDs, from number `first` on: the way to it, along x and y. */
 static int look(const struct vs_camera *how, struct view *view, uint32_t first, uint32_t count)
 {
-    double far_m = DIAGONAL * how->reach_m + APART_M;
+    double far_m = DIAGONAL * how->reach_m + how->apart_m;
     uint32_t l;
 
     for (l = first; l < first + count; l++) {

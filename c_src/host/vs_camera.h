@@ -43,7 +43,8 @@ struct vs_camera {
     const uint8_t *colors;        /* as in struct vs_lamps */
     uint32_t leds;
     uint32_t still;               /* LEDs of things */
-    const double *leds_m;         /* [leds * 3] where a robot has them, in its own frame */
+    const double *leds_m;         /* [all robots * leds * 3] where they are, in a robot's frame */
+    double apart_m;               /* no two LEDs of a robot are farther from each other */
     struct vs_random *random;
     double height_m;              /* of the camera; LEDs at twice this height are too high */
     double reach_m;               /* it sees those nearer than this, */

@@ -38,6 +38,9 @@ int vs_line_cut(const struct vs_line *line, int axis, double low, double high, d
  */
 double vs_line_meet(const struct vs_obstacle *body, const struct vs_line *line, int any);
 
+/* Whether a body has a nose, and which obstacle that is. */
+int vs_line_has_nose(const struct vs_obstacle *body, struct vs_obstacle *nose);
+
 /*
  * The column of a place so far along x from the grid's corner, or the row of one so far
  * along y: the nearest of so many cells.

@@ -21,12 +21,18 @@ static int is_there(const struct vs_obstacle *body)
     return body->z_high_m >= body->z_low_m;
 }
 
+/* How far a cylinder reaches from its middle, its nose included. */
+static double around(const struct vs_obstacle *body)
+{
+    return vs_most(body->radius_m, body->half_y_m > 0.0 ? body->half_x_m + body->half_y_m : 0.0);
+}
+
 /* How far a body reaches along x and y from its middle. */
 static void reach(const struct vs_obstacle *body, double *x_m, double *y_m)
 {
     double cosine = fabs(body->cosine), sine = fabs(body->sine);
 
-    *x_m = *y_m = body->radius_m;
+    *x_m = *y_m = around(body);
     if (body->radius_m > 0.0)
         return;
     *x_m = cosine * body->half_x_m + sine * body->half_y_m;
@@ -84,7 +90,7 @@ static int overlap(const struct vs_obstacles *s, const struct vs_obstacle *body,
 static int is_within(const struct vs_obstacle *body, double x_m, double y_m, double reach_m)
 {
     double east_m = x_m - body->x_m, north_m = y_m - body->y_m;
-    double near_m = body->radius_m + reach_m;
+    double near_m = around(body) + reach_m;
 
     if (body->radius_m > 0.0)
         return east_m * east_m + north_m * north_m <= near_m * near_m;

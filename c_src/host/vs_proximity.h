@@ -9,18 +9,23 @@
 #include "vs_rays.h"
 #include "vs_scene.h"
 
+/* How a sensor responds to a distance. */
+enum vs_proximity_curve { VS_CURVE_EPUCK, VS_CURVE_GENERIC, VS_CURVE_FOOTBOT, VS_CURVE_DISTANCE };
+
 /* What is the same for all robots; world/sensors/proximity.py says what the curves are. */
 struct vs_proximity_ring {
     uint32_t sensors;
     uint32_t rays;                     /* lines of one sensor */
     const double *places_rad;          /* [sensors] where they sit and look */
     const double *fan_rad;             /* [rays] lines, from where the sensor looks */
+    const double *lines_m;             /* [sensors * 4] instead: from x, y to x, y as the robot sees
+                                          them; NULL: none */
     double radius_m;                   /* where they sit: from the centre, above the floor */
     double height_m;
     double range_m;                    /* length of a line */
     double share;                      /* the curve is read at so many times the distance */
     double full;                       /* the largest reading */
-    int generic;                       /* the curve is exp(-distance) */
+    int curve;                         /* enum vs_proximity_curve */
     int blind_within;                  /* a body that a line begins in is not seen by it */
     const struct vs_obstacles *bodies; /* what is sensed; NULL: all of the scene but the robot's own */
 };

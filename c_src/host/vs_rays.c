@@ -77,10 +77,38 @@ static double meet_box(const struct vs_obstacle *body, const struct vs_line *lin
     return from;
 }
 
+int vs_line_has_nose(const struct vs_obstacle *body, struct vs_obstacle *nose)
+{
+    if (!(body->radius_m > 0.0 && body->half_y_m > 0.0))
+        return 0;
+    *nose = *body;
+    nose->x_m += body->half_x_m * body->cosine;
+    nose->y_m += body->half_x_m * body->sine;
+    nose->radius_m = body->half_y_m;
+    nose->half_x_m = nose->half_y_m = 0.0;
+    return 1;
+}
+
+/* The first touch of a line with a nose that it does not start in. */
+static double meet_nose(const struct vs_obstacle *nose, const struct vs_line *line, int any)
+{
+    double x_m = line->start[0] - nose->x_m, y_m = line->start[1] - nose->y_m;
+
+    if (x_m * x_m + y_m * y_m <= nose->radius_m * nose->radius_m)
+        return INFINITY;
+    return vs_line_meet(nose, line, any);
+}
+
 double vs_line_meet(const struct vs_obstacle *body, const struct vs_line *line, int any)
 {
+    struct vs_obstacle nose, whole;
     double from = 0.0, to = 1.0;
 
+    if (vs_line_has_nose(body, &nose)) {
+        whole = *body;
+        whole.half_y_m = 0.0;
+        return vs_least(meet_nose(&nose, line, any), vs_line_meet(&whole, line, any));
+    }
     if ((body->radius_m > 0.0 && passes_by(body, line)) ||
         !vs_line_cut(line, 2, body->z_low_m, body->z_high_m, &from, &to))
         return INFINITY;

@@ -23,10 +23,10 @@ struct vs_obstacle {
     double y_m;
     double z_low_m;    /* where it begins and ends; with z_high_m < z_low_m it is not there */
     double z_high_m;
-    double radius_m;   /* > 0: a cylinder */
-    double half_x_m;   /* else a box: half its extents along its own axes, >= 0 */
-    double half_y_m;
-    double cosine;     /* of the box's turn */
+    double radius_m;   /* > 0: a cylinder, which may have a nose: a second, so far ahead of its */
+    double half_x_m;   /* middle and with this radius, 0: none. Else a box: half its extents */
+    double half_y_m;   /* along its own axes, >= 0 */
+    double cosine;     /* of its turn */
     double sine;
 };
 
@@ -69,7 +69,8 @@ int vs_rays_blocked(const struct vs_obstacles *obstacles, const double *starts,
 
 /*
  * The same lines: shares[i] is the part of the line, in [0, 1], up to where it first
- * touches an obstacle, or infinity. 0 where it starts in one. Errors as above.
+ * touches an obstacle, or infinity. 0 where it starts in one, but for noses, which a line that
+ * starts in them does not touch. Errors as above.
  */
 int vs_rays_nearest(const struct vs_obstacles *obstacles, const double *starts,
                     const double *ends, size_t count, const int32_t *skip, size_t skips,

@@ -69,10 +69,15 @@ static int is_suspect(const struct vs_obstacle *body, const struct fan *fan)
 
     grown.z_low_m -= fan->bundle->height_m;
     grown.z_high_m += fan->bundle->height_m;
-    if (body->radius_m > 0.0)
-        grown.radius_m += fan->bundle->radius_m;
-    grown.half_x_m += fan->bundle->radius_m;
-    grown.half_y_m += fan->bundle->radius_m;
+    if (body->radius_m > 0.0) {
+        double around_m = body->half_y_m > 0.0 ? body->half_x_m + body->half_y_m : 0.0;
+
+        grown.radius_m = vs_most(body->radius_m, around_m) + fan->bundle->radius_m;
+        grown.half_y_m = 0.0;
+    } else {
+        grown.half_x_m += fan->bundle->radius_m;
+        grown.half_y_m += fan->bundle->radius_m;
+    }
     return vs_line_meet(&grown, &fan->middle, 1) <= 1.0;
 }
 

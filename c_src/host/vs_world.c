@@ -74,7 +74,7 @@ static void place(const struct vs_crowd *crowd, const uint8_t *table, uint32_t c
     uint32_t i;
 
     for (i = 0; i < count; i++, table += fields->row) {
-        double at_m[2];
+        double at_m[3];
         int64_t capture_ns;
         int is_known;
 
@@ -83,6 +83,8 @@ static void place(const struct vs_crowd *crowd, const uint8_t *table, uint32_t c
         is_known = capture_ns >= 0 && now_ns - capture_ns <= crowd->memory_ns;
         bodies[i].x_m = at_m[0];
         bodies[i].y_m = at_m[1];
+        if (bodies[i].half_y_m > 0.0)
+            vs_sin_cos(at_m[2], &bodies[i].sine, &bodies[i].cosine);
         bodies[i].z_high_m = is_known ? crowd->heights_m[first + i] : -1.0;
     }
 }

@@ -39,7 +39,8 @@ void vs_world_update(struct vs_world *world, const uint8_t *states, uint32_t cou
 struct vs_crowd {
     const struct vs_world *world;
     struct vs_obstacle *bodies; /* [obstacles->count] robots, things, what stands: the caller
-                                   sets everything but places and heights of the first two */
+                                   sets everything but places, turns and heights of the first
+                                   two */
     const double *heights_m;    /* of robots, then of things */
     int64_t memory_ns;          /* who was not seen for longer is not there */
     struct vs_obstacles *obstacles;

@@ -217,6 +217,11 @@ bool CCI_Controller::HasActuator(const std::string &element) const
     return IsDeclared(ACTUATORS, element);
 }
 
+size_t VsCountOf(vs_robot *robot, const char *param, size_t usual)
+{
+    return static_cast<size_t>(vs_robot_param(robot, param, static_cast<double>(usual)));
+}
+
 bool CCI_Sensor::VsBind(vs_robot *robot, const std::string &, const char *name)
 {
     m_handle = vs_robot_sensor(robot, name);

@@ -52,6 +52,9 @@ protected:
     int m_handle; /* of vs_robot_sensor or vs_robot_actuator */
 };
 
+/* A number of things that the host says of a robot that is no e-puck, whose number is `usual`. */
+size_t VsCountOf(vs_robot *robot, const char *param, size_t usual);
+
 class CCI_Sensor : public VsDevice
 {
 public:

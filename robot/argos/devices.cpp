@@ -66,7 +66,6 @@ const CColor &FirstLit(const std::vector<CColor> &colors)
 
 const Real CCI_EPuckWheelsActuator::MAX_VELOCITY_CM_SEC = 30.0;
 const Real CCI_EPuckWheelsActuator::MIN_VELOCITY_CM_SEC = -30.0;
-const Real VsOdometer::AXIS_CM = 5.3;
 const Real CCI_EPuckEncoderSensor::WHEEL_AXIS_LENGTH = 0.053f;
 
 const char *CCI_EPuckWheelsActuator::VsNameOf(const std::string &element)
@@ -88,6 +87,12 @@ void VsWheels::VsUpdate(vs_robot *robot)
         steps[i] = wanted == wanted ? static_cast<int>(std::lround(Max(-3e4, Min(wanted, 3e4)))) : 0;
     }
     vs_robot_set_wheels(robot, steps[0], steps[1]);
+}
+
+bool VsOdometer::VsBind(vs_robot *robot, const std::string &element, const char *name)
+{
+    m_axis_cm = vs_robot_param(robot, "vs:axle_cm", m_axis_cm);
+    return CCI_Sensor::VsBind(robot, element, name);
 }
 
 void VsOdometer::VsUpdate(vs_robot *robot)
@@ -123,7 +128,18 @@ void CCI_DifferentialSteeringSensor::VsUpdate(vs_robot *robot)
     const Real step_s = vs_robot_timestep_s(robot);
     VsOdometer::VsUpdate(robot);
     m_sReading = SReading(m_covered_cm[0] / step_s, m_covered_cm[1] / step_s, m_covered_cm[0],
-                          m_covered_cm[1], AXIS_CM);
+                          m_covered_cm[1], m_axis_cm);
+}
+
+const char *CCI_FootBotEncoderSensor::VsNameOf(const std::string &element)
+{
+    return Named(element, "footbot_encoder", "wheels");
+}
+
+void CCI_FootBotEncoderSensor::VsUpdate(vs_robot *robot)
+{
+    VsOdometer::VsUpdate(robot);
+    m_sReading = SReading(m_covered_cm[0], m_covered_cm[1], m_axis_cm);
 }
 
 const char *CCI_EPuckBaseLEDsActuator::VsNameOf(const std::string &element)
@@ -186,16 +202,26 @@ const char *CCI_LEDsActuator::VsNameOf(const std::string &element)
     return Named(element, "leds", "leds");
 }
 
+bool CCI_LEDsActuator::VsBind(vs_robot *robot, const std::string &element, const char *name)
+{
+    m_tSettings.assign(VsCountOf(robot, "vs:lamps", m_tSettings.size()), CColor::BLACK);
+    return VsLights::VsBind(robot, element, name);
+}
+
 void CCI_LEDsActuator::VsUpdate(vs_robot *robot)
 {
+    const bool is_epuck = m_tSettings.size() == RING + 3;
+    const size_t ring = m_tSettings.size() - (is_epuck ? 3 : 1);
     unsigned lit = 0;
-    for (size_t i = 0; i < RING; ++i)
+    for (size_t i = 0; i < ring; ++i)
         if (IsLit(m_tSettings[i]))
-            lit |= LedBit(i);
+            lit |= LedBit(i * RING / ring);
     vs_robot_set_leds(robot, lit);
-    const CColor *three = &m_tSettings[RING];
+    const CColor *three = &m_tSettings[m_tSettings.size() - 3];
     const CColor &first = FirstLit(m_tSettings);
-    if (IsLit(three[0]) || IsLit(three[1]) || IsLit(three[2]))
+    if (!is_epuck)
+        ShowOwn(robot, first, first, first);
+    else if (IsLit(three[0]) || IsLit(three[1]) || IsLit(three[2]))
         ShowOwn(robot, three[0], three[1], three[2]);
     else
         ShowOwn(robot, first, first, first);

@@ -48,17 +48,17 @@ public:
 class VsOdometer : public CCI_Sensor
 {
 public:
-    VsOdometer() : m_is_known(false), m_way_cm(), m_covered_cm() {}
+    VsOdometer() : m_axis_cm(5.3), m_covered_cm(), m_is_known(false), m_way_cm() {}
+    bool VsBind(vs_robot *robot, const std::string &element, const char *name) override;
     void VsUpdate(vs_robot *robot) override;
+
+protected:
+    Real m_axis_cm;
+    Real m_covered_cm[2];
 
 private:
     bool m_is_known;
     Real m_way_cm[2];
-
-protected:
-    static const Real AXIS_CM;
-
-    Real m_covered_cm[2];
 };
 
 class CCI_EPuckEncoderSensor : public VsOdometer
@@ -98,6 +98,27 @@ public:
             : VelocityLeftWheel(left_speed), VelocityRightWheel(right_speed),
               CoveredDistanceLeftWheel(left), CoveredDistanceRightWheel(right),
               WheelAxisLength(axis)
+        {
+        }
+    };
+
+    static const char *VsNameOf(const std::string &element);
+    const SReading &GetReading() const { return m_sReading; }
+    void VsUpdate(vs_robot *robot) override;
+
+protected:
+    SReading m_sReading;
+};
+
+class CCI_FootBotEncoderSensor : public VsOdometer
+{
+public:
+    struct SReading
+    {
+        Real CoveredDistanceLeftWheel, CoveredDistanceRightWheel, WheelAxisLength;
+
+        SReading(Real left = 0.0, Real right = 0.0, Real axis = 0.0)
+            : CoveredDistanceLeftWheel(left), CoveredDistanceRightWheel(right), WheelAxisLength(axis)
         {
         }
     };
@@ -169,7 +190,8 @@ public:
 };
 
 /* All LEDs of any robot: of an e-puck the ring of 8, which is red where a colour is not black, then
- * front left, front right and back. Where these three are dark they show the ring's first colour. */
+ * front left, front right and back. Where these three are dark they show the ring's first colour. Of
+ * a foot-bot the ring of 12, which a robot's own shows as far as it can, then the beacon. */
 class CCI_LEDsActuator : public VsLights
 {
 public:
@@ -177,6 +199,7 @@ public:
 
     CCI_LEDsActuator() : VsLights(11) {}
     static const char *VsNameOf(const std::string &element);
+    bool VsBind(vs_robot *robot, const std::string &element, const char *name) override;
     size_t GetNumLEDs() const { return m_tSettings.size(); }
     virtual void SetSingleColor(UInt32 led, const CColor &color)
     {

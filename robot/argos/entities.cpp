@@ -7,11 +7,6 @@
 
 namespace argos {
 
-const Real CEPuckEntity::BODY_RADIUS = 0.035;
-const Real CEPuckEntity::BODY_HEIGHT = 0.086;
-const Real CEPuckEntity::INTERWHEEL_DISTANCE = 0.053;
-const Real CEPuckEntity::WHEEL_RADIUS = 0.0205;
-
 std::string CEntity::GetContext() const
 {
     return m_parent == nullptr ? "" : m_parent->GetContext() + m_parent->GetId() + ".";
@@ -166,10 +161,7 @@ std::vector<Real> CLEDEquippedEntity::VsNumbers() const
 
 /* ------------------------------------------------------------------ what the host is told */
 
-namespace {
-
-/* Where a body stands, its base. */
-void Place(VsWords &words, const CEmbodiedEntity &body)
+void VsSayPlace(VsWords &words, const CEmbodiedEntity &body)
 {
     const CVector3 &at = body.GetOriginAnchor().Position;
     const Real numbers[] = {at.GetX(), at.GetY(), at.GetZ(), body.VsYaw().GetValue()};
@@ -179,6 +171,8 @@ void Place(VsWords &words, const CEmbodiedEntity &body)
         words << text;
     }
 }
+
+namespace {
 
 void Numbers(VsWords &words, const std::vector<Real> &numbers)
 {
@@ -235,7 +229,7 @@ std::string VsBox::VsDescribe() const
 {
     VsWords words;
     words << "box\t" << GetId();
-    Place(words, GetEmbodiedEntity());
+    VsSayPlace(words, GetEmbodiedEntity());
     Numbers(words, {m_size.GetX(), m_size.GetY(), m_size.GetZ()});
     Numbers(words, GetLEDEquippedEntity().VsNumbers());
     return words.str();
@@ -261,36 +255,9 @@ std::string CCylinderEntity::VsDescribe() const
 {
     VsWords words;
     words << "cylinder\t" << GetId();
-    Place(words, GetEmbodiedEntity());
+    VsSayPlace(words, GetEmbodiedEntity());
     Numbers(words, {m_radius, m_height});
     Numbers(words, GetLEDEquippedEntity().VsNumbers());
-    return words.str();
-}
-
-CEPuckEntity::CEPuckEntity(const std::string &id, const std::string &, const CVector3 &position,
-                           const CQuaternion &orientation, Real, size_t, const std::string &)
-    : CComposableEntity(nullptr, id),
-      m_body(this, "body_0", position, orientation, true, VsShape{BODY_RADIUS, 0.0, 0.0}),
-      m_controllable(this, "controller_0"), m_leds(nullptr)
-{
-    static const int LEDS = 8 + 3;
-    VsAddPart(m_body);
-    VsAddPart(m_controllable);
-    for (int i = 0; i < LEDS; ++i)
-        m_leds.AddLED(CVector3());
-}
-
-CEntity *CEPuckEntity::VsPart(const std::string &type) const
-{
-    const bool is_leds = type == m_leds.GetTypeDescription() || type == m_leds.GetId();
-    return is_leds ? const_cast<CLEDEquippedEntity *>(&m_leds) : CComposableEntity::VsPart(type);
-}
-
-std::string CEPuckEntity::VsDescribe() const
-{
-    VsWords words;
-    words << "robot\t" << GetId();
-    Place(words, m_body);
     return words.str();
 }
 
@@ -447,13 +414,6 @@ void CSpace::VsIndex(CEntity &entity)
     if (CComposableEntity *whole = dynamic_cast<CComposableEntity *>(&entity))
         for (CEntity *part : whole->VsParts())
             VsIndex(*part);
-}
-
-void CSpace::VsAddRobot(CEPuckEntity &robot)
-{
-    AddEntity(robot);
-    if (!CSimulator::GetInstance().VsMovesRobots())
-        robot.GetEmbodiedEntity().VsStayPut();
 }
 
 void CSpace::VsRemove(CEntity &entity)

@@ -359,32 +359,8 @@ private:
     Real m_radius, m_height;
 };
 
-class CEPuckEntity : public CComposableEntity
-{
-public:
-    static const Real BODY_RADIUS, BODY_HEIGHT, INTERWHEEL_DISTANCE, WHEEL_RADIUS;
-
-    CEPuckEntity(const std::string &id, const std::string &controller,
-                 const CVector3 &position = CVector3(),
-                 const CQuaternion &orientation = CQuaternion(), Real rab_range = 0.8,
-                 size_t rab_data_size = 2, const std::string &battery = "");
-
-    CEmbodiedEntity &GetEmbodiedEntity() { return m_body; }
-    CControllableEntity &GetControllableEntity() { return m_controllable; }
-    /* What its LEDs show, of the ring of 8, counter-clockwise from the front left, and of the three
-     * in colour: the host says it. They belong to the robot's program: to set them changes nothing. */
-    CLEDEquippedEntity &GetLEDEquippedEntity() { return m_leds; }
-    std::string GetTypeDescription() const override { return "epuck"; }
-    std::string VsDescribe() const override;
-
-protected:
-    CEntity *VsPart(const std::string &type) const override;
-
-private:
-    CEmbodiedEntity m_body;
-    CControllableEntity m_controllable;
-    CLEDEquippedEntity m_leds; /* no part of it: a colour is no change of the robot */
-};
+/* Says where a body stands, its base: x, y, z and yaw. */
+void VsSayPlace(VsWords &words, const CEmbodiedEntity &body);
 
 class CFloorEntity : public CEntity
 {

@@ -6,7 +6,8 @@
  * says, with tabs between. The host says
  *
  *     world      before all others, with seed, length [timestep], tick [s], file, moves (1: robots
- *                are moved), arena (size and centre x, y, z), robots (their ids), and the entities:
+ *                are moved), arena (size and centre x, y, z), model (id and model of a robot),
+ *                robots (their ids), and the entities:
  *                    box       id x y z yaw size_x size_y size_z
  *                    cylinder  id x y z yaw radius height
  *                with place and colour of each LED on them, x y z red green blue
@@ -35,7 +36,8 @@ namespace {
 VsLoopKind *kinds = nullptr;
 CLoopFunctions *loop = nullptr;
 VsLoopKind *kind = nullptr;
-std::vector<CEPuckEntity *> robots;
+std::vector<VsRobotEntity *> robots;
+std::map<std::string, std::string> models; /* of robots, by id */
 std::string said;
 std::vector<UInt8> colors;
 bool is_called = false; /* a loop function runs */
@@ -105,20 +107,19 @@ void TakeEntity(const std::vector<std::string> &words)
 /* Those that are no longer there are taken out, and new ones come. */
 void TakeRobots(const std::vector<std::string> &words)
 {
-    std::vector<CEPuckEntity *> now;
+    std::vector<VsRobotEntity *> now;
     for (size_t i = 1; i < words.size(); ++i) {
-        CEPuckEntity *found = nullptr;
-        for (CEPuckEntity *robot : robots)
+        VsRobotEntity *found = nullptr;
+        for (VsRobotEntity *robot : robots)
             if (robot->GetId() == words[i])
                 found = robot;
         if (found == nullptr && !words[i].empty()) {
-            found = new CEPuckEntity(words[i], "");
-            Space().VsAddRobot(*found);
+            found = VsAddRobot(words[i], models[words[i]]);
         }
         if (found != nullptr)
             now.push_back(found);
     }
-    for (CEPuckEntity *robot : robots)
+    for (VsRobotEntity *robot : robots)
         if (std::find(now.begin(), now.end(), robot) == now.end())
             Space().VsRemove(*robot);
     robots = now;
@@ -136,6 +137,7 @@ void Forget()
 {
     loop = nullptr;
     robots.clear();
+    models.clear();
     CSimulator::GetInstance().VsForget();
 }
 
@@ -157,6 +159,8 @@ void TakeWorld(const std::vector<std::string> &lines)
             world.moves = words[1] == "1";
         else if (words[0] == "arena")
             Space().VsSetArena(Place(words, 1), Place(words, 4));
+        else if (words[0] == "model")
+            models[words[1]] = words[2];
     }
     CSimulator::GetInstance().VsSet(world.seed, world.length, world.moves, world.file);
     for (const std::string &line : lines) {
@@ -206,7 +210,7 @@ void Reset()
 {
     CSimulator::GetInstance().VsReset();
     for (CEntity *entity : Space().GetRootEntityVector())
-        if (dynamic_cast<CEPuckEntity *>(entity) == nullptr)
+        if (dynamic_cast<VsRobotEntity *>(entity) == nullptr)
             entity->Reset();
     loop->Reset();
 }
@@ -229,6 +233,14 @@ void Color(const double *numbers, size_t count)
     }
 }
 
+/* A robot may have fewer LEDs than the one that has the most. */
+void Shine(CLEDEquippedEntity &leds, const std::vector<std::string> &words)
+{
+    const size_t count = leds.GetLEDs().size();
+    for (size_t i = 2; i + 2 < words.size() && (i - 2) / 3 < count; i += 3)
+        leds.SetLEDColor(static_cast<UInt32>((i - 2) / 3), Color(words, i));
+}
+
 void TakeState(const std::vector<std::string> &lines, const double *numbers, size_t count)
 {
     for (const std::string &line : lines) {
@@ -238,9 +250,7 @@ void TakeState(const std::vector<std::string> &lines, const double *numbers, siz
         else if (words[0] == "robots")
             TakeRobots(words);
         else if (words[0] == "shine" && Number(words, 1) < robots.size())
-            for (size_t i = 2; i + 2 < words.size(); i += 3)
-                robots[static_cast<size_t>(Number(words, 1))]->GetLEDEquippedEntity().SetLEDColor(
-                    static_cast<UInt32>((i - 2) / 3), Color(words, i));
+            Shine(robots[static_cast<size_t>(Number(words, 1))]->GetLEDEquippedEntity(), words);
     }
     for (size_t i = 0; i < robots.size() && 3 * i + 2 < count; ++i)
         robots[i]->GetEmbodiedEntity().VsPlace(numbers[3 * i], numbers[3 * i + 1],
@@ -399,7 +409,7 @@ void CLoopFunctions::RemoveEntity(const std::string &id)
 
 void CLoopFunctions::RemoveEntity(CEntity &entity)
 {
-    if (dynamic_cast<CEPuckEntity *>(&entity) != nullptr || entity.HasParent())
+    if (dynamic_cast<VsRobotEntity *>(&entity) != nullptr || entity.HasParent())
         THROW_ARGOSEXCEPTION("RemoveEntity: \"" << entity.GetId() << "\" is a "
                              << entity.GetTypeDescription()
                              << ": boxes, cylinders and lights can be removed");

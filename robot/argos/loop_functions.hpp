@@ -9,7 +9,7 @@
 
 #include <stdexcept>
 
-#include "entities.hpp"
+#include "robots.hpp"
 #include "plugins.hpp"
 
 /* What a call of the loop functions gives; it is there until the next call. */
@@ -70,7 +70,6 @@ public:
         VsIndexAs(entity.GetTypeDescription(), entity.GetId(), CAny(&entity));
     }
 
-    void VsAddRobot(CEPuckEntity &robot);
     /* Takes it out of all lists, and deletes it. */
     void VsRemove(CEntity &entity);
     /* Whether a body that stood there would stand in another one. */

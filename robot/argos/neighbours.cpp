@@ -12,7 +12,6 @@ namespace {
 
 const int NUMBERS_MAX = 512; /* more than a datagram holds */
 const size_t PLACE_HEAD = 2; /* range and bearing */
-const Real TWO_RADII_CM = 7.0;
 
 const char *Named(const std::string &element, const char *wanted, const char *name)
 {
@@ -45,6 +44,7 @@ bool VsHearing::VsBind(vs_robot *robot, const std::string &element, const char *
 {
     if (!VsPlaces::VsBind(robot, element, name))
         return false;
+    m_two_radii_cm = vs_robot_param(robot, "vs:two_radii_cm", m_two_radii_cm);
     /* The robot's own board has four. */
     if (!vs_robot_is_own(m_handle))
         m_bytes = static_cast<size_t>(vs_robot_param(robot, "vs:heard_bytes", 4.0));
@@ -91,7 +91,7 @@ void CCI_RangeAndBearingSensor::VsUpdate(vs_robot *robot)
     m_tReadings.clear();
     for (size_t at = 0; at + size <= heard.size(); at += size) {
         SPacket packet;
-        packet.Range = heard[at] + TWO_RADII_CM;
+        packet.Range = heard[at] + m_two_radii_cm;
         packet.HorizontalBearing = CRadians(heard[at + 1]);
         packet.Data.Resize(m_bytes);
         for (size_t i = 0; i < m_bytes; ++i)

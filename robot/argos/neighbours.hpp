@@ -22,11 +22,12 @@ protected:
 class VsHearing : public VsPlaces
 {
 public:
-    VsHearing() : m_bytes(4) {}
+    VsHearing() : m_bytes(4), m_two_radii_cm(7.0) {}
     bool VsBind(vs_robot *robot, const std::string &element, const char *name) override;
 
 protected:
     size_t m_bytes;
+    Real m_two_radii_cm; /* a range is without them */
 };
 
 class CCI_EPuckRangeAndBearingSensor : public VsHearing

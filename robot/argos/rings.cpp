@@ -11,6 +11,12 @@ namespace argos {
 namespace {
 
 const Real RAW_MAX = 4096.0; /* of the base's converter */
+const size_t BELOW_MOST = 32;
+
+Real BlackOrWhite(Real grey)
+{
+    return grey < 0.5 ? 0.0 : 1.0;
+}
 
 /*
  * What ARGoS reads where the e-puck's own ring reads raw: 298.701 d^2 - 36.8961 d + 1.08212 at the
@@ -49,12 +55,14 @@ Real Clipped(Real value)
 
 bool VsRing::Read(vs_robot *robot, int handle, VsRingKind kind, bool is_raw)
 {
-    Real raw[SENSORS];
-    if (vs_robot_values(robot, handle, raw, SENSORS) < SENSORS)
+    Real raw[MOST];
+    const int count = Min(vs_robot_values(robot, handle, raw, MOST), +MOST);
+    if (count < SENSORS)
         return false;
-    /* The robot counts clockwise from the front right. */
-    for (int i = 0; i < SENSORS; ++i) {
-        const Real value = raw[SENSORS - 1 - i];
+    /* An e-puck counts clockwise from the front right; behind its own eight there may be angles. */
+    m_count = static_cast<size_t>(count == 3 * SENSORS ? count : +SENSORS);
+    for (size_t i = 0; i < m_count; ++i) {
+        const Real value = raw[m_count == SENSORS ? SENSORS - 1 - i : i];
         if (kind == VS_PROXIMITY && vs_robot_is_own(handle))
             m_values[i] = OwnProximity(value);
         else
@@ -111,23 +119,52 @@ const char *CCI_GroundSensor::VsNameOf(const std::string &element)
     return element == "ground" || element == "virtual_ground_sensor" ? "ground" : nullptr;
 }
 
+bool CCI_GroundSensor::VsBind(vs_robot *robot, const std::string &element, const char *name)
+{
+    m_tReadings.assign(VsCountOf(robot, "vs:below", 3), 0.0);
+    return CCI_Sensor::VsBind(robot, element, name);
+}
+
 void CCI_GroundSensor::VsUpdate(vs_robot *robot)
 {
-    Real values[3];
-    if (vs_robot_values(robot, m_handle, values, 3) >= 3)
-        for (size_t i = 0; i < 3; ++i)
-            m_tReadings[i] = values[2 - i];
+    Real values[BELOW_MOST];
+    const size_t count = m_tReadings.size();
+    if (vs_robot_values(robot, m_handle, values, static_cast<int>(count)) < static_cast<int>(count))
+        return;
+    for (size_t i = 0; i < count; ++i)
+        m_tReadings[i] = count == 3       ? values[2 - i]
+                         : i + 8 >= count ? BlackOrWhite(values[i])
+                                          : values[i];
 }
 
 void VsFootBotGround::VsUpdate(vs_robot *robot)
 {
-    Real values[3];
-    if (vs_robot_values(robot, m_handle, values, 3) < 3)
+    Real values[BELOW_MOST];
+    const int count = vs_robot_values(robot, m_handle, values, static_cast<int>(m_tReadings.size()));
+    if (count < 3)
         return;
-    for (SReading &reading : m_tReadings) {
-        const Real left = reading.Offset.GetY();
-        reading.Value = left > 0.0 ? values[0] : left < 0.0 ? values[2] : values[1];
+    for (size_t i = 0; i < m_tReadings.size(); ++i) {
+        const Real left = m_tReadings[i].Offset.GetY();
+        m_tReadings[i].Value = count == static_cast<int>(m_tReadings.size()) ? values[i]
+                               : left > 0.0                                  ? values[0]
+                               : left < 0.0                                  ? values[2]
+                                                                             : values[1];
     }
+}
+
+/* Those of a foot-bot itself have a name of their own, and are black or white. */
+bool CCI_FootBotBaseGroundSensor::VsBind(vs_robot *robot, const std::string &element,
+                                         const char *name)
+{
+    m_is_own = VsCountOf(robot, "vs:bases", 0) > 0;
+    return CCI_Sensor::VsBind(robot, element, m_is_own ? "base_ground" : name);
+}
+
+void CCI_FootBotBaseGroundSensor::VsUpdate(vs_robot *robot)
+{
+    VsFootBotGround::VsUpdate(robot);
+    for (SReading &reading : m_tReadings)
+        reading.Value = m_is_own ? BlackOrWhite(reading.Value) : reading.Value;
 }
 
 CCI_FootBotMotorGroundSensor::CCI_FootBotMotorGroundSensor()
@@ -137,7 +174,7 @@ CCI_FootBotMotorGroundSensor::CCI_FootBotMotorGroundSensor()
         m_tReadings.push_back(SReading(0.0, CVector2(at[0], at[1])));
 }
 
-CCI_FootBotBaseGroundSensor::CCI_FootBotBaseGroundSensor()
+CCI_FootBotBaseGroundSensor::CCI_FootBotBaseGroundSensor() : m_is_own(false)
 {
     static const Real AT[][2] = {{8.0, 0.0},  {4.2, 6.5},   {0.0, 8.0},  {-4.2, 6.5},
                                  {-8.0, 0.0}, {-4.2, -6.5}, {0.0, -8.0}, {4.2, -6.5}};

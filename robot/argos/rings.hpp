@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 /*
  * rings.hpp - sensors around the body and below it: proximity, light and ground, of the e-puck, of
- * any robot, and of the foot-bot, whose 24 are made of the e-puck's 8.
+ * any robot, and of the foot-bot, whose 24 are made of 8 where the robot is an e-puck.
  */
 #ifndef VS_ARGOS_RINGS_HPP
 #define VS_ARGOS_RINGS_HPP
@@ -34,22 +34,26 @@ inline std::ostream &operator<<(std::ostream &out, const std::vector<VsRingReadi
 
 enum VsRingKind { VS_PROXIMITY, VS_LIGHT };
 
-/* The robot's eight values in ARGoS's order, counter-clockwise from the front left, 0 to 1. */
+/* The robot's values in ARGoS's order, counter-clockwise from the front left, 0 to 1. */
 class VsRing
 {
 public:
-    static const int SENSORS = 8;
+    static const int SENSORS = 8; /* an e-puck's */
+    static const int MOST = 64;
 
+    VsRing() : m_count(0) {}
     /* The same as ARGoS's readings of the robot's own ring. False: nothing was measured yet. */
     bool Read(vs_robot *robot, int handle, VsRingKind kind, bool is_raw = true);
     Real operator[](size_t i) const { return m_values[i]; }
-    /* In any direction: between the two sensors beside it. */
+    size_t Count() const { return m_count; }
+    /* In any direction: between the two of an e-puck's sensors beside it. */
     Real At(const CRadians &angle) const;
     /* What argos3-epuck says where sensor i looks: 0 to 2 pi. */
     static CRadians AngleOf(size_t i);
 
 private:
-    Real m_values[SENSORS];
+    size_t m_count;
+    Real m_values[MOST];
 };
 
 /* A ring whose readings have their angle. */
@@ -69,7 +73,7 @@ public:
         if (!ring.Read(robot, m_handle, KIND))
             return;
         for (size_t i = 0; i < SENSORS; ++i)
-            m_tReadings[i].Value = SENSORS == VsRing::SENSORS ? ring[i] : ring.At(m_tReadings[i].Angle);
+            m_tReadings[i].Value = ring.Count() == SENSORS ? ring[i] : ring.At(m_tReadings[i].Angle);
     }
 
 protected:
@@ -144,6 +148,7 @@ public:
     {
         /* IRIDIA's virtual light sensor sends readings, not what a converter would measure. */
         m_is_raw = element.find("virtual") == std::string::npos;
+        m_tReadings.assign(VsCountOf(robot, "vs:ring", VsRing::SENSORS), 0.0);
         return CCI_Sensor::VsBind(robot, element, name);
     }
 
@@ -152,7 +157,7 @@ public:
         VsRing ring;
         if (!ring.Read(robot, m_handle, KIND, m_is_raw))
             return;
-        for (size_t i = 0; i < m_tReadings.size(); ++i)
+        for (size_t i = 0; i < m_tReadings.size() && i < ring.Count(); ++i)
             m_tReadings[i] = ring[i];
     }
 
@@ -209,12 +214,13 @@ protected:
     SReadings m_sReadings;
 };
 
-/* The same three, in the order of ARGoS's e-puck: right, centre, left. */
+/* The same three, in the order of ARGoS's e-puck: right, centre, left; or all that the robot has. */
 class CCI_GroundSensor : public CCI_Sensor
 {
 public:
     CCI_GroundSensor() : m_tReadings(3, 0.0) {}
     static const char *VsNameOf(const std::string &element);
+    bool VsBind(vs_robot *robot, const std::string &element, const char *name) override;
     const std::vector<Real> &GetReadings() const { return m_tReadings; }
     void VsUpdate(vs_robot *robot) override;
 
@@ -222,7 +228,7 @@ protected:
     std::vector<Real> m_tReadings;
 };
 
-/* The foot-bot's sensors below it: each reads what the e-puck's one on its side does. */
+/* The foot-bot's sensors below it: of an e-puck each reads what the one on its side does. */
 struct VsGroundReading
 {
     Real Value;
@@ -264,10 +270,15 @@ class CCI_FootBotBaseGroundSensor : public VsFootBotGround
 {
 public:
     CCI_FootBotBaseGroundSensor();
+    bool VsBind(vs_robot *robot, const std::string &element, const char *name) override;
+    void VsUpdate(vs_robot *robot) override;
     static const char *VsNameOf(const std::string &element)
     {
         return element == "footbot_base_ground" ? "ground" : nullptr;
     }
+
+private:
+    bool m_is_own;
 };
 
 }  // namespace argos

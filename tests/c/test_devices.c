@@ -169,12 +169,14 @@ static void the_nearest_leds_are_seen(void)
     uint8_t colors[3 * LEDS * ROBOTS] = {0};
     struct vs_lit lit[LEDS * ROBOTS];
     struct vs_noticed seen[LEDS * ROBOTS], nearest[MOST];
-    double readings[ROBOTS * SEEN], away_m;
+    double readings[ROBOTS * SEEN], away_m, all_m[ROBOTS][3 * LEDS];
     uint32_t counts[ROBOTS], i, j, k, l;
-    struct vs_camera how = {&s->world, colors, LEDS, 0, leds_m, NULL, 0.122, 0.2, 0.04, 0, 0.0,
+    struct vs_camera how = {&s->world, colors, LEDS, 0, all_m[0], 0.1, NULL, 0.122, 0.2, 0.04, 0, 0.0,
                             MOST, LEDS * ROBOTS, lit, seen, nearest, counts};
 
     begin(s);
+    for (i = 0; i < ROBOTS; i++)
+        memcpy(all_m[i], leds_m, sizeof all_m[i]);
     for (i = 0; i < LEDS * ROBOTS; i++)
         colors[3 * i] = (uint8_t)(draw(0.0, 1.0) < 0.5 ? 0 : 1 + i);
     CHECK(vs_camera_read(&how, &s->scene, readings) == VS_OK);
@@ -205,7 +207,7 @@ static void what_is_near_is_felt(int blind)
 {
     static struct swarm swarm, *s = &swarm;
     static const double places_rad[SENSORS] = {0.0, PI / 2.0, PI, -PI / 2.0}, fan_rad[] = {0.0};
-    struct vs_proximity_ring ring = {SENSORS, 1, places_rad, fan_rad, 0.036, 0.032,
+    struct vs_proximity_ring ring = {SENSORS, 1, places_rad, fan_rad, NULL, 0.036, 0.032,
                                      0.05, 1.0, 100.0, 0, blind, NULL};
     double readings[ROBOTS * SENSORS];
     uint32_t i, k;

@@ -284,7 +284,7 @@ def test_what_argos_has_and_we_do_not_is_a_warning_with_its_line(
         "x.argos:12: <epuck_proximity> noise_level is not used: the real one's own noise takes its",
         "x.argos:20: <loop_functions> is not supported: the sources of 'lib/liba.so', in which",
         "no loop functions are called; name them with --sources a=FILES, see",
-        "x.argos:40: <kilobot> is not supported: only e-pucks are driven here",
+        "x.argos:40: <kilobot> is not supported: driven here are e-pucks, foot-bots",
         "x.argos:40: <prototype> is not supported: only boxes and cylinders stand here",
         "x.argos:42: <pointmass3d> is not supported: robots move in one plane",
         "x.argos:42: <radio> is not supported: nothing is sent through it",

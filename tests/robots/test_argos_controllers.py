@@ -25,8 +25,10 @@ from vsense.robots.compiling import BuildError
 from vsense.robots.inprocess import CompiledProgram, ControllerFailure
 from vsense.robots.link.table import Direction, Entry, Table
 from vsense.robots.link.wire import Wanted
+from vsense.robots.python_swarm import Leds
 from vsense.robots.sources import CodeOptions, ProgramSources
 from vsense.run.programs import shared_objects
+from vsense.world.robot_models import model_of
 
 FOLDER = Path(__file__).parent / "argos" / "controllers"
 READINGS = (FOLDER / "readings.cpp").resolve()
@@ -156,6 +158,62 @@ def test_the_robots_own_ring_reads_as_argoss_does(readings: Path, tmp_path: Path
     for raw, expected in ((67, 0.0), (100, 0.0), (4095, 1.0)):
         robot.prox = [raw] * 8
         assert robot.step()["epuck_proximity"][0][:8] == [expected] * 8
+
+
+FOOT_BOT = (
+    "vs:ring=24\nvs:below=12\nvs:bases=8\nvs:lamps=13\nvs:axle_cm=14.0\nvs:two_radii_cm=17.0\n"
+)
+"""What the host says of a foot-bot, as `vsense.config._programs` does."""
+
+
+def test_a_foot_bot_has_its_own(readings: Path, tmp_path: Path) -> None:
+    """All 24, in ARGoS's order, and below the base black or white."""
+    names = "footbot_proximity proximity footbot_motor_ground footbot_base_ground range_and_bearing"
+    names += " footbot_encoder differential_steering"
+    raw = [4096.0 * number / 24 for number in range(24)]
+    served = {
+        "proximity": raw,
+        "ground": [0.1, 0.2, 0.3, 0.4],
+        "base_ground": [0.1, 0.49, 0.5, 0.9, 0.0, 1.0, 0.2, 0.7],
+        "range_and_bearing": [1.0, 20.0, 0.5, *[7.0] * 4],
+    }
+    said = {"leds": 39}
+    robot = Robot(readings, tmp_path / "f", served, said, (names, "leds"), more=FOOT_BOT)
+    found = robot.step()
+    ring = pytest.approx([number / 24 for number in range(24)], abs=1e-6)
+    assert found["footbot_proximity"][0][:24] == ring and found["proximity"] == [ring]
+    below = [value for value, _ in found["footbot_motor_ground"]]
+    assert below == pytest.approx([0.1, 0.2, 0.3, 0.4])
+    assert [value for value, _ in found["footbot_base_ground"]] == [0, 0, 1, 1, 0, 1, 0, 1]
+    assert found["range_and_bearing"][0][0] == 37.0
+    assert found["footbot_encoder"] == [[0.0, 14.0]]
+    assert found["differential_steering"][0][1] == 14.0
+    for _ in range(4):
+        robot.step()
+    assert robot.said() == {"leds": [0] * 5 + [255] + [0] * 30 + [255, 0, 0]}
+    # LED 1 of 12, at 45 degrees, is the first of the robot's own ring.
+    assert robot.robots.leds.tolist() == [1 << 0]
+
+
+def test_a_pi_puck_drives_in_m_s_and_measures_in_m(readings: Path, tmp_path: Path) -> None:
+    names = "pipuck_rangefinders pipuck_ground pipuck_differential_drive"
+    served = {"rangefinders": [0.01 * n for n in range(8)], "ground": [0.1, 0.2, 0.3]}
+    more = "vs:axle_cm=5.65\n"
+    declared = (names, "pipuck_differential_drive pipuck_leds")
+    robot = Robot(readings, tmp_path / "f", served, declared=declared, more=more)
+    found = robot.step()
+    # Where they look: the lines of pipuck.toml, of which ARGoS's recordings hold the readings.
+    lines = np.array(model_of("pipuck").infrared.lines_m)
+    assert found["pipuck_rangefinders"] == [
+        pytest.approx([n, 0.01 * n, *(line[2:] - line[:2])], abs=1e-6)
+        for n, line in enumerate(lines)
+    ]
+    assert found["pipuck_ground"] == [pytest.approx([n, 0.1 * (n + 1)]) for n in range(3)]
+    for _ in range(4):
+        found = robot.step()
+    assert robot.robots.wheels_steps_s.tolist() == [[round(5 * 77.64), round(-2.5 * 77.64)]]
+    assert found["pipuck_differential_drive"] == [pytest.approx([0.05, -0.025], abs=2e-3)]
+    assert robot.robots.leds.tolist() == [1 << 7 | Leds.BODY]
 
 
 def test_ground_battery_and_wheels(readings: Path, tmp_path: Path) -> None:

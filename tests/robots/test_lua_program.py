@@ -57,7 +57,7 @@ def written(file: Path) -> None:
     Path("out").mkdir()
 
 
-@pytest.mark.parametrize("kind", ["own", "any"])
+@pytest.mark.parametrize("kind", ["own", "any", "foot", "pi"])
 def test_scripts_read_and_set_what_they_do_in_argos(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -518,3 +518,60 @@ def test_every_run_of_a_campaign_knows_the_sources_and_others_make_another_campa
     source = folder / "mission.cpp"
     source.write_text(f"{source.read_text()}// edited\n")
     assert campaign.prepare(made)[0].name != plan.name
+
+
+KINDS = """
+#include <argos3/core/simulator/loop_functions.h>
+#include <argos3/plugins/robots/e-puck/simulator/epuck_entity.h>
+#include <argos3/plugins/robots/foot-bot/simulator/footbot_entity.h>
+#include <argos3/plugins/robots/pi-puck/simulator/pipuck_entity.h>
+
+using namespace argos;
+
+class CKinds : public CLoopFunctions
+{
+    template <typename ROBOT> void Tell(const std::string &type)
+    {
+        for (auto &each : GetSpace().GetEntitiesByType(type)) {
+            ROBOT &robot = *any_cast<ROBOT *>(each.second);
+            LOG << type << " " << each.first << " " << robot.GetLEDEquippedEntity().GetLEDs().size()
+                << " at " << robot.GetEmbodiedEntity().GetOriginAnchor().Position << std::endl;
+        }
+    }
+
+public:
+    void Init(TConfigurationNode &) override
+    {
+        Tell<CEPuckEntity>("epuck");
+        Tell<CFootBotEntity>("foot-bot");
+        Tell<CPiPuckEntity>("pipuck");
+    }
+    CColor GetFloorColor(const CVector2 &) override { return CColor::WHITE; }
+};
+
+REGISTER_LOOP_FUNCTIONS(CKinds, "kinds")
+"""
+
+
+def test_they_find_each_kind_of_robot(shared_cache: Path, tmp_path: Path) -> None:
+    require_tool("c++", "build-essential")
+    (tmp_path / "kinds.cpp").write_text(KINDS)
+    robots = (("e-puck", "e", "0,0"), ("foot-bot", "f", "0.5,0"), ("pipuck", "p", "0,0.5"))
+    placed = "".join(
+        f'<{kind} id="{name}"><body position="{place},0" orientation="0,0,0" />'
+        f'<controller config="{name}" /></{kind}>'
+        for kind, name, place in robots
+    )
+    controllers = "".join(f'<c id="{name}" library="stand_still" />' for _, name, _ in robots)
+    (tmp_path / "kinds.argos").write_text(f"""<argos-configuration>
+<framework><experiment length="1" ticks_per_second="10" random_seed="7" /></framework>
+<controllers>{controllers}</controllers>
+<loop_functions library="build/libkinds.so" label="kinds" />
+<arena size="3,3,1" center="0,0,0.5">{placed}</arena>
+<physics_engines><dynamics2d id="d" /></physics_engines></argos-configuration>""")
+    said = simulated(tmp_path / "kinds.argos").environment.said()
+    assert [line for line in said if " at " in line] == [
+        "epuck e 11 at 0,0,0",
+        "foot-bot f 13 at 0.5,0,0",
+        "pipuck p 10 at 0,0.5,0",
+    ]

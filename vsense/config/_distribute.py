@@ -127,7 +127,7 @@ def read_distribute(element: Element, number: int) -> DistributedCrowd | None:
     """Reads a `<distribute>`, the arena's `number`th; None where there is nothing to place."""
     entity = element.child("entity")
     others = argos.others_in(entity)
-    inner = entity.children(argos.ROBOT_ELEMENT, OBJECT_ELEMENT, *THINGS, *others)
+    inner = entity.children(*argos.ROBOTS, OBJECT_ELEMENT, *THINGS, *others)
     if len(inner) != 1:
         raise entity.error(f"holds {len(inner)} known elements, expected one, such as <e-puck>")
     if inner[0].name in others:

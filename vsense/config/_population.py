@@ -21,7 +21,7 @@ from itertools import accumulate, islice, pairwise
 from vsense.base.errors import ConfigError, UsageError
 from vsense.base.files import read_bytes
 from vsense.base.xml.element import Document, Element
-from vsense.config._robots import MAX_TAG, ArenaContents, add_crowd, add_epuck
+from vsense.config._robots import MAX_TAG, ArenaContents, add_crowd, add_robot
 from vsense.config.casting import Casting, free_tags
 from vsense.config.specs import LoopSpec, Stage
 from vsense.vision.markers.families import known_families, load_family
@@ -62,7 +62,7 @@ class Space:
         robot.append(self._element("body", position=place, orientation=f"{turn!r},0,0"))
         robot.append(self._element("controller", config=str(controller)))
         try:
-            add_epuck(robot, self._bodies)
+            add_robot(robot, self._bodies)
         except ConfigError as error:
             raise WorldError(error.message) from None
 

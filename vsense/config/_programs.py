@@ -14,6 +14,7 @@ from pathlib import Path
 from vsense.base.errors import UsageError, instead
 from vsense.base.xml.element import Element, shown
 from vsense.config import argos
+from vsense.config.devices import Devices
 from vsense.robots import finding
 from vsense.robots.build import BuildError, cache_directory, source_tree
 from vsense.robots.sources import (
@@ -30,9 +31,8 @@ from vsense.robots.sources import (
     registrations,
     stem_of,
 )
-from vsense.world.actuators.base import MountedActuator
 from vsense.world.actuators.messages import MessagesActuator
-from vsense.world.sensors.base import MountedSensor
+from vsense.world.robot_models import EPUCK
 from vsense.world.sensors.range_and_bearing import RangeAndBearingSensor
 
 _SOURCES, _INCLUDE = "vs:sources", "vs:include"
@@ -206,24 +206,26 @@ def _of_script(element: Element, folder: Path) -> tuple[str, ProgramSources]:
     raise params.error(f"there is no file {shown(script)}", "script")
 
 
-def argos_lines(
-    element: Element,
-    params: Element | None,
-    sensors: Sequence[MountedSensor],
-    actuators: Sequence[MountedActuator],
-) -> str:
-    """The lines that a controller for ARGoS is sent, without its robot's name."""
+def argos_lines(element: Element, params: Element | None, devices: Devices) -> str:
+    """The lines that a controller for ARGoS is sent, without its robot's name; with what those have
+    that are no e-pucks."""
     lines = [
         f"vs:{section}={' '.join(below.child_names())}"
         for section in ("sensors", "actuators")
         for below in element.below(section)
     ]
-    for sensor in sensors:
+    for sensor in devices.sensors:
         if isinstance(sensor.sensor, RangeAndBearingSensor):
             lines.append(f"vs:heard_bytes={sensor.sensor.data_size}")
-    for actuator in actuators:
+    for actuator in devices.actuators:
         if isinstance(actuator.actuator, MessagesActuator):
             lines.append(f"vs:said_bytes={actuator.actuator.size}")
+    model = devices.robots.model
+    if model != EPUCK:
+        sensors_around, bases = len(model.infrared.angles_rad), len(model.base_ground_m)
+        lines += [f"vs:axle_cm={100 * model.axle_m!r}", f"vs:lamps={len(model.lamps_m)}"]
+        lines += [f"vs:two_radii_cm={200 * model.radius_m!r}", f"vs:ring={sensors_around}"]
+        lines += [f"vs:below={len(model.ground_m) + bases}", f"vs:bases={bases}"]
     # A parameter has a name and a value: the marks that have none are given an empty one.
     nodes = ["<params", ">"] if params is None else tree(params)
     lines += [node if node[0] == "@" else f"{node[0]}={node[1:]}" for node in nodes]

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from vsense.base.native import lib
 from vsense.base.xml.element import Element, shown
-from vsense.config import argos
+from vsense.config import argos, geofence
 from vsense.config._distribute import OBJECT_ELEMENT, DistributedCrowd, DistributedSpec
 from vsense.config._things import Media, read_place
+from vsense.config.geofence import Geofence
 from vsense.config.specs import FieldSpec, FloorSpec, ObjectSpec, Pose, RobotSpec, Stage
 from vsense.world.entities import VIRTUAL_TAG_MIN, Arena, Entity, VirtualRobot, WorldError
 from vsense.world.robot_models import EPUCK, RobotModel, model_of
@@ -31,7 +33,7 @@ class ArenaContents:
         fields: quantities spread over the floor.
         controllers: by robot id the `<controller>` element that names what drives it.
         settings: by robot id those of its simulated devices.
-        without_controller: by id the e-pucks that nothing drives: objects, as in the thesis.
+        without_controller: by id the robots that nothing drives: objects, as in the thesis.
         crowds: how many `<distribute>` were read.
         robot_crowds: those of real robots.
         unseen: boxes and cylinders that only virtual sensors notice.
@@ -74,6 +76,15 @@ class ArenaContents:
         entities = [*self.entities, *(spec.entity for spec in self.distributed)]
         return {entity.id: entity for entity in entities}
 
+    def read_geofence(
+        self, arena: Element, simulated: bool, replaced: Iterable[tuple[int, int]]
+    ) -> Geofence | None:
+        """Reads the fence of all that is here; see `geofence.read_geofence`."""
+        fastest_m_s = max(robot.model.v_max_m_s for robot in self.robots)
+        return geofence.read_geofence(
+            arena, self.arena, self.tags, simulated, replaced, fastest_m_s
+        )
+
     def claim_id(self, element: Element, name: str) -> None:
         """Notes an id, which must be printable and no other element's."""
         if not name.isprintable():
@@ -103,8 +114,8 @@ _NO_TAG = -1
 _MAX_RAB_BYTES = 10_000
 
 
-def add_epuck(element: Element, bodies: ArenaContents) -> None:
-    """Reads an `<e-puck>`: a real robot, a virtual one, or without a controller an object."""
+def add_robot(element: Element, bodies: ArenaContents) -> None:
+    """Reads one of `argos.ROBOTS`: a real robot, a virtual one, without a controller an object."""
     _pass_over(element)
     if element.boolean("vs:virtual", False):
         _add_virtual(element, bodies)
@@ -117,15 +128,16 @@ def add_epuck(element: Element, bodies: ArenaContents) -> None:
     _check_name(element, name)
     pose = _read_pose(element, bodies)
     number = len(bodies.robots) if number is None else number
-    config = _name_controller(element, controller, name, bodies)
     model = _read_model(element, bodies)
+    config = _name_controller(element, controller, name, model, bodies)
     bodies.robots.append(RobotSpec(name, tag, number, pose, None, config, element.line, model))
 
 
 def _read_model(element: Element, bodies: ArenaContents) -> RobotModel:
     """Reads which kind of robot it is, or how large an object is."""
     try:
-        return model_of(element.text("vs:model", EPUCK.name), bodies.folder)
+        usual = argos.ROBOTS.get(element.name, EPUCK.name)
+        return model_of(element.text("vs:model", usual), bodies.folder)
     except WorldError as error:
         raise element.error(str(error), "vs:model") from None
 
@@ -140,16 +152,16 @@ def check_models(controller: Element, bodies: ArenaContents) -> None:
 
 
 def _pass_over(element: Element) -> None:
-    """Passes over what only a simulated e-puck has."""
+    """Passes over what only a simulated robot has."""
     argos.pass_over(element, argos.EPUCK_SETTINGS)
     for name, instead in argos.EPUCK_PARTS.items():
         for child in element.children(name):
             child.leave_out(instead)
 
 
-def _read_settings(element: Element) -> RobotSettings:
-    """Reads what an `<e-puck>` says of its simulated devices."""
-    usual = RobotSettings()
+def _read_settings(element: Element, model: RobotModel) -> RobotSettings:
+    """Reads what a robot's element says of its simulated devices."""
+    usual = RobotSettings.of(model)
     aperture_deg = math.degrees(usual.aperture_rad)
     size = element.integer("rab_data_size", 1, _MAX_RAB_BYTES, usual.message_bytes)
     if size > MESSAGE_MAX:
@@ -157,6 +169,7 @@ def _read_settings(element: Element) -> RobotSettings:
             f"rab_data_size is {size}: messages of <range_and_bearing> end at {MESSAGE_MAX}"
         )
     return RobotSettings(
+        model,
         rab_range_m=element.number("rab_range", 0.001, 1000.0, "m", usual.rab_range_m),
         message_bytes=min(size, MESSAGE_MAX),
         aperture_rad=element.angle("omnidirectional_camera_aperture", 0.1, 89.0, aperture_deg),
@@ -197,7 +210,7 @@ def add_crowd(crowd: DistributedCrowd, bodies: ArenaContents) -> None:
             bodies.objects.append(ObjectSpec(name, tag, None, drawn, line, model))
             continue
         _check_name(element, name)
-        config = _name_controller(element, controller, name, bodies)
+        config = _name_controller(element, controller, name, model, bodies)
         bodies.robots.append(RobotSpec(name, tag, number, None, drawn, config, line, model))
     if untagged:
         bodies.untagged.append((crowd.entity, untagged))
@@ -226,15 +239,19 @@ def _add_virtual_crowd(crowd: DistributedCrowd, prefix: str, bodies: ArenaConten
 def _driver(element: Element, name: str, bodies: ArenaContents) -> str:
     """The id of the controller that drives a virtual robot; "": loop functions move it."""
     controller = element.optional_child("controller")
-    return "" if controller is None else _name_controller(element, controller, name, bodies)
+    if argos.ROBOTS[element.name] != EPUCK.name:
+        raise element.error("is virtual, and virtual robots are e-pucks", "vs:virtual")
+    if controller is None:
+        return ""
+    return _name_controller(element, controller, name, EPUCK, bodies)
 
 
 def _name_controller(
-    element: Element, controller: Element, name: str, bodies: ArenaContents
+    element: Element, controller: Element, name: str, model: RobotModel, bodies: ArenaContents
 ) -> str:
-    """Notes the `<controller>` of an `<e-puck>`, and its settings; gives the id that it names."""
+    """Notes the `<controller>` of a robot, and its settings; gives the id that it names."""
     bodies.controllers[name] = controller
-    bodies.settings[name] = _read_settings(element)
+    bodies.settings[name] = _read_settings(element, model)
     return controller.text("config")
 
 

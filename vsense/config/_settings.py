@@ -14,6 +14,7 @@ from pathlib import PurePath
 
 from vsense.base.errors import UsageError, instead
 from vsense.base.xml.element import Element
+from vsense.config import argos
 from vsense.robots.sources import SOURCE_SUFFIXES, stem_of
 
 DEVICES = {"sensor": "sensors", "actuator": "actuators"}
@@ -36,7 +37,8 @@ def apply(
     """
     applied = {key: _apply(root, key, value, virtual) for key, value in settings.items()}
     for key, elements in applied.items() if limit is not None else ():
-        if key.endswith(".quantity") and any(e.below("e-puck") for e in elements):
+        robots = any(e.below(name) for e in elements for name in argos.ROBOTS)
+        if key.endswith(".quantity") and robots:
             raise UsageError(
                 f"{limit} robots (--robots, or a plan's count): setting {key!r} says how many there"
                 " are, too; give one of them"

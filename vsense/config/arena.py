@@ -19,7 +19,7 @@ from vsense.config._distribute import (
     read_distribute,
     warn_of_height,
 )
-from vsense.config._robots import ArenaContents, add_crowd, add_epuck, add_object
+from vsense.config._robots import ArenaContents, add_crowd, add_object, add_robot
 from vsense.config._things import (
     MAX_SIZE_M,
     MIN_SIZE_M,
@@ -58,7 +58,7 @@ def read_arena(
     if (floor := element.optional_child("floor")) is not None:
         bodies.floor = read_floor(floor, folder)
         bodies.claim_id(floor, bodies.floor.id)
-    kinds = (argos.ROBOT_ELEMENT, OBJECT_ELEMENT, argos.DISTRIBUTE, FIELD_ELEMENT, *THINGS)
+    kinds = (*argos.ROBOTS, OBJECT_ELEMENT, argos.DISTRIBUTE, FIELD_ELEMENT, *THINGS)
     others = argos.others_in(element)
     for child in element.children(*kinds, *others):
         if child.name in others:
@@ -69,8 +69,8 @@ def read_arena(
 
 
 def _read_child(element: Element, bodies: ArenaContents) -> None:
-    if element.name == argos.ROBOT_ELEMENT:
-        add_epuck(element, bodies)
+    if element.name in argos.ROBOTS:
+        add_robot(element, bodies)
     elif element.name == OBJECT_ELEMENT:
         add_object(element, bodies)
     elif element.name == FIELD_ELEMENT:
@@ -103,7 +103,7 @@ def _read_crowd(element: Element, bodies: ArenaContents) -> None:
     if crowd is None:
         return
     bodies.crowds += 1
-    if crowd.element.name in (argos.ROBOT_ELEMENT, OBJECT_ELEMENT):
+    if crowd.element.name in (*argos.ROBOTS, OBJECT_ELEMENT):
         warn_of_height(element, crowd.distribution.position_m)
         add_crowd(crowd, bodies)
     else:

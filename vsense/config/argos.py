@@ -23,17 +23,17 @@ from vsense.robots.build import source_tree
 from vsense.robots.sources import PROGRAM_SUFFIXES, ProgramSources
 from vsense.world.sensors.quality import NOISES
 
-ROBOT_ELEMENT, DISTRIBUTE = "e-puck", "distribute"
+ROBOTS = {"e-puck": "epuck", "foot-bot": "footbot", "pi-puck": "pipuck", "pipuck": "pipuck"}
+"""Elements that are robots here, and their models unless `vs:model` says another one."""
+DISTRIBUTE = "distribute"
 
-_OTHER_ROBOT = "only e-pucks are driven here"
+_OTHER_ROBOT = "driven here are e-pucks, foot-bots and Pi-Pucks"
 _VIRTUAL_CAMERA = "the robots have none; <epuck_omnidirectional_camera> sees LEDs"
 _VIRTUAL_MESSAGES = "the robots have none; <virtual_range_and_bearing_{}> gives them one"
 _MISSING = "the robots have none: a controller that asks for it finds nothing"
 
 ENTITIES = {
-    **dict.fromkeys(
-        ("eye-bot", "foot-bot", "kheperaiv", "kilobot", "pipuck", "spiri"), _OTHER_ROBOT
-    ),
+    **dict.fromkeys(("eye-bot", "kheperaiv", "kilobot", "spiri"), _OTHER_ROBOT),
     "camera_wall": "the cameras are those of the tracker",
     "gripper": "nothing is gripped here",
     "prototype": "only boxes and cylinders stand here",
@@ -45,17 +45,17 @@ def others_in(section: Element) -> dict[str, str]:
     """Names of an arena's or an entity's children that are left out, and why: of `ENTITIES`, and
     robots of any other kind, which are those with a controller."""
     names = {child.name for child in section.below() if child.below("controller")}
-    return {**ENTITIES, **dict.fromkeys(names - {ROBOT_ELEMENT}, _OTHER_ROBOT)}
+    return {**ENTITIES, **dict.fromkeys(names - ROBOTS.keys(), _OTHER_ROBOT)}
 
 
 def refuse_other_robots(arena: Element) -> None:
-    """Raises ConfigError where an arena holds robots, and no e-puck."""
+    """Raises ConfigError where an arena holds robots, and none of `ROBOTS`."""
     crowds = [crowd for place in arena.below(DISTRIBUTE) for crowd in place.below("entity")]
     robots: dict[str, list[tuple[Element, str]]] = {}
     for section in (arena, *crowds):
         others = others_in(section)
         for child in section.below():
-            if child.name == ROBOT_ELEMENT:
+            if child.name in ROBOTS:
                 return
             if others.get(child.name) == _OTHER_ROBOT:
                 many = "1" if section is arena else section.peek("quantity") or ""
@@ -63,7 +63,7 @@ def refuse_other_robots(arena: Element) -> None:
     if robots:
         kinds = [_counted(name, [many for _, many in each]) for name, each in robots.items()]
         first, file = next(iter(robots.values()))[0][0], arena.document.file
-        words = f"this file has {' and '.join(kinds)}, no <e-puck>: {_OTHER_ROBOT}"
+        words = f"this file has {' and '.join(kinds)}: {_OTHER_ROBOT}"
         raise ConfigError(file, first.line, words)
 
 
@@ -95,16 +95,29 @@ class OwnDevice(NamedTuple):
     board: bool = False
 
 
+WHEELS = ("differential_steering", "epuck_wheels", "pipuck_differential_drive")
+WHEEL_SENSORS = ("differential_steering", "epuck_encoder", "footbot_encoder",
+                 "pipuck_differential_drive")  # fmt: skip
+LAMPS = ("epuck_base_leds", "epuck_rgb_leds", "leds")
+"""LEDs of the robot that others see with one of CAMERA_SENSORS."""
+
 _LEDS = OwnDevice("LEDs")
 _WHEELS = OwnDevice("wheels")
 
 OWN_DEVICES: dict[str, dict[str, OwnDevice]] = {
     "sensors": {
         **dict.fromkeys(("battery", "epuck_battery"), OwnDevice("battery")),
-        **dict.fromkeys(("differential_steering", "epuck_encoder"), _WHEELS),
+        **dict.fromkeys(WHEEL_SENSORS, _WHEELS),
+        "pipuck_system": OwnDevice("clock"),
         "epuck_accelerometer": OwnDevice("accelerometer"),
         **dict.fromkeys(
-            ("epuck_ground", "footbot_base_ground", "footbot_motor_ground", "ground"),
+            (
+                "epuck_ground",
+                "footbot_base_ground",
+                "footbot_motor_ground",
+                "ground",
+                "pipuck_ground",
+            ),
             OwnDevice("ground", board=True),
         ),
         **dict.fromkeys(("epuck_light", "footbot_light", "light"), OwnDevice("light")),
@@ -117,14 +130,14 @@ OWN_DEVICES: dict[str, dict[str, OwnDevice]] = {
         ),
     },
     "actuators": {
-        **dict.fromkeys(("differential_steering", "epuck_wheels"), _WHEELS),
-        **dict.fromkeys(("epuck_base_leds", "epuck_rgb_leds", "leds"), _LEDS),
+        **dict.fromkeys(WHEELS, _WHEELS),
+        **dict.fromkeys((*LAMPS, "pipuck_leds"), _LEDS),
         **dict.fromkeys(
             ("epuck_range_and_bearing", "range_and_bearing"), OwnDevice("message", board=True)
         ),
     },
 }
-"""By section what e-pucks have of their own for a device of ARGoS. Those that are read are real, so
+"""By section what robots have of their own for a device of ARGoS. Those that are read are real, so
 their simulation is not set up."""
 
 _INSTEAD = "vs:virtual='true' or --virtual-devices"
@@ -135,7 +148,6 @@ VIRTUAL_ONLY = f"the robots have none; {_INSTEAD} gives them one"
 PROXIMITY_SENSORS = ("epuck_proximity", "footbot_proximity", "proximity")
 """Devices for which the robots' own ring is as good, except where it is simulated with noise."""
 
-WHEELS = ("differential_steering", "epuck_wheels")
 STEERING_NOISE = {
     "bias_m_s": "bias_avg",
     "bias_dev_m_s": "bias_stddev",
@@ -147,13 +159,10 @@ STEERING_NOISE = {
 BATTERIES = ("battery", "epuck_battery")
 """Devices that robots in the lab have, too."""
 
-LED_COUNTS = {"epuck_base_leds": 8, "epuck_rgb_leds": 3, "leds": 11}
-"""LEDs of the robot that others see with one of CAMERA_SENSORS, and how many there are."""
-
 CAMERA_SENSORS = ("colored_blob_omnidirectional_camera", "epuck_omnidirectional_camera")
 
 USING_SETTINGS = frozenset((*CAMERA_SENSORS, "range_and_bearing"))
-"""Devices for which `<e-puck>` has settings."""
+"""Devices for which a robot's element has settings."""
 
 IMPLEMENTATIONS = ("default", "medium", "real_robot", "rot_z_only")
 """How ARGoS may do what a device does."""
@@ -164,20 +173,23 @@ MISSING: dict[str, dict[str, str]] = {
             ("virtual_range_and_bearing", "epuck_ircom"), _VIRTUAL_MESSAGES.format("sensor")
         ),
         **dict.fromkeys(
-            ("colored_blob_perspective_camera", "epuck_camera", "epuck_virtual_camera"),
+            ("colored_blob_perspective_camera", "epuck_camera", "epuck_virtual_camera",
+             "pipuck_front_camera"),
             _VIRTUAL_CAMERA,
         ),
         **dict.fromkeys(
             ("eyebot_light", "eyebot_proximity", "footbot_distance_scanner", "footbot_gripper",
-             "footbot_turret_encoder", "footbot_wheel_speed", "radios"),
+             "footbot_turret_encoder", "footbot_wheel_speed", "pipuck_imu", "radios",
+             "simple_radios"),
             _MISSING,
         ),
     },
     "actuators": {
         "epuck_ircom": _VIRTUAL_MESSAGES.format("actuator"),
         **dict.fromkeys(
-            ("footbot_beacon", "footbot_gripper", "footbot_turret", "gripper", "magnets",
-             "quadrotor_position", "quadrotor_speed", "radios"),
+            ("footbot_beacon", "footbot_distance_scanner", "footbot_gripper", "footbot_turret",
+             "gripper", "magnets", "quadrotor_position", "quadrotor_speed", "radios",
+             "simple_radios"),
             _MISSING,
         ),
     },

@@ -30,7 +30,10 @@ from vsense.config._things import Media, check_medium
 from vsense.config.specs import DeviceSpec, Stage
 from vsense.robots.link.table import Direction, Entry, Table
 from vsense.world.actuators.base import ActuatorError, MountedActuator, VirtualActuator
+from vsense.world.actuators.leds import lamps_of
+from vsense.world.entities import Light
 from vsense.world.physics.motion import WheelNoise, Wheels
+from vsense.world.robot_models import RobotModel
 from vsense.world.sensors.base import (
     MountedSensor,
     RobotSettings,
@@ -41,7 +44,6 @@ from vsense.world.sensors.base import (
     scale_of,
 )
 from vsense.world.sensors.quality import NOISES, Quality, updating_from_xml
-from vsense.world.world import ROBOT_LEDS
 
 SENSORS = "sensors"
 ACTUATORS = "actuators"
@@ -171,16 +173,17 @@ class DeviceRule:
     virtual: bool
     seen: bool
 
-    def is_virtual(self, element: Element, cpp: bool) -> bool:
-        """Whether an element of ARGoS is a virtual device."""
+    def is_virtual(self, element: Element, cpp: bool, has_ring: bool) -> bool:
+        """Whether an element of ARGoS is a virtual device; `has_ring`: the robots have one of their
+        own."""
         if element.has("vs:virtual"):
             return element.boolean("vs:virtual")
-        if element.name in argos.PROXIMITY_SENSORS:
+        if element.name in argos.PROXIMITY_SENSORS and has_ring:
             noisy = any(element.peek(noise) is not None for noise in NOISES)
             return self.stage is Stage.SIM and (cpp or noisy)
         if element.name in argos.BATTERIES:
             return self.stage is Stage.SIM
-        return self.virtual and (self.seen or element.name not in argos.LED_COUNTS)
+        return self.virtual and (self.seen or element.name not in argos.LAMPS)
 
 
 def read_devices(
@@ -201,7 +204,7 @@ def read_devices(
     names = {e.name for c in controllers for s in c.below(SENSORS) for e in s.below()}
     seen = scope.watched or any(camera in names for camera in argos.CAMERA_SENSORS)
     rule = DeviceRule(stage, virtual, seen)
-    scope.leds = _leds(controllers, scope)
+    scope.leds = _leds(controllers, scope, [robots.model for robots in settings])
     mounted = [
         Devices(controller, is_cpp, robots)
         for controller, is_cpp, robots in zip(controllers, cpp, settings)
@@ -214,12 +217,18 @@ def read_devices(
     return mounted
 
 
-def _leds(controllers: Sequence[Element], scope: Scope) -> int:
+def _leds(controllers: Sequence[Element], scope: Scope, models: Sequence[RobotModel]) -> int:
     """Counts the LEDs of others that a robot may see."""
     actuators = {e.name for c in controllers for s in c.below(ACTUATORS) for e in s.below()}
-    per_robot = min(sum(n for name, n in argos.LED_COUNTS.items() if name in actuators), ROBOT_LEDS)
+    lamps = [name for name in argos.LAMPS if name in actuators]
+    counts = [sum(lamps_of(name, model)[2] for name in lamps) for model in models]
+    per_robot = max((min(n, len(m.lamps_m)) for n, m in zip(counts, models)), default=0)
     things = sum(len(getattr(thing, "leds", ())) for thing in scope.entities.values())
-    return per_robot * (scope.most - 1) + things
+    low_m = 2.0 * max((model.camera.height_m for model in models), default=0.0)
+    lights = [
+        e for e in scope.entities.values() if isinstance(e, Light) and e.position_m[2] < low_m
+    ]
+    return per_robot * (scope.most - 1) + things + len(lights)
 
 
 def _read_section(
@@ -254,7 +263,8 @@ def _read_argos(
 ) -> None:
     """Mounts a device of ARGoS, or leaves it to the robot."""
     element.choice("implementation", argos.IMPLEMENTATIONS, "default")
-    if element.name in of_argos(kind) and rule.is_virtual(element, devices.cpp):
+    has_ring = bool(devices.robots.model.ring.places_m)
+    if element.name in of_argos(kind) and rule.is_virtual(element, devices.cpp, has_ring):
         check_medium(element, media, kind == SENSORS and element.name in argos.ARGOS_HEARING)
         mounted = _mount_argos(element, kind, scope)
         name = _device(mounted).name

@@ -42,11 +42,11 @@ there."""
 
 CONTROLLER_PARTS = (
     *("base", "configuration", "random"),
-    *("controller", "rings", "devices", "neighbours", "virtual_sensors"),
+    *("controller", "rings", "devices", "neighbours", "pipuck", "virtual_sensors"),
 )
 """What of `robot/argos/` a controller needs."""
 
-LOOP_PARTS = ("base", "configuration", "random", "entities", "loop_functions")
+LOOP_PARTS = ("base", "configuration", "random", "entities", "robots", "loop_functions")
 """What of `robot/argos/` loop functions need."""
 
 TOGETHER = "controller with its loop functions"

@@ -12,23 +12,25 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vsense.robots.python_swarm import RGB, Floats, Rows, Swarm
+from vsense.robots.python_swarm import RGB, Floats, Leds, Rows, Swarm
 from vsense.world.robot_models import EPUCK
 
 RAW_MAX = 4096.0
 _OWN_RAW = EPUCK.ring.table_raw[7::-1]
 _OWN_VALUE = (0.0, 0.0842, 0.2441, 0.4637, 0.5959, 0.7430, 0.9051, 1.0)
 """What ARGoS reads where the e-puck's own ring reads raw. Source: robot/argos/rings.cpp."""
-_TWO_RADII_CM, _STEPS_PER_CM, _MOST_STEPS_S = 7.0, 77.64, 3e4
-_RING, _EPUCK_BYTES, _BLOB, _HEAD = 8, 4, 5, 2
+_STEPS_PER_CM, _MOST_STEPS_S = 77.64, 3e4
+_EPUCK_BELOW, _BRIGHT = 3, 0.5
+_RING, _COLORED, _EPUCK_BYTES, _BLOB, _HEAD = 8, 3, 4, 5, 2
 
 Convert = Callable[[Floats, bool], Floats]
 """Of (n, k) numbers of a sensor, and whether it is the robots' own: (n, m) as ARGoS reads them."""
 
 
 def _ring(values: Floats, is_own: bool) -> Floats:
-    """Counter-clockwise from the front left, 0 to 1."""
-    return np.clip(values[:, ::-1] / RAW_MAX, 0.0, 1.0)
+    """Counter-clockwise from the front left, 0 to 1; eight are an e-puck's, in its own order."""
+    ordered = values[:, ::-1] if values.shape[1] == _RING else values
+    return np.clip(ordered / RAW_MAX, 0.0, 1.0)
 
 
 def _near(values: Floats, is_own: bool) -> Floats:
@@ -55,11 +57,24 @@ _WEIGHTS = _foot_bot_weights()
 
 
 def _around(convert: Convert) -> Convert:
-    return lambda values, is_own: convert(values, is_own) @ _WEIGHTS
+    def converted(values: Floats, is_own: bool) -> Floats:
+        made = convert(values, is_own)
+        return made @ _WEIGHTS if made.shape[1] == _RING else made
+
+    return converted
 
 
-def _sides(columns: Sequence[int]) -> Convert:
-    return lambda values, _: values[:, columns]
+def _sides(columns: Sequence[int], bright: int = 0) -> Convert:
+    """Of an e-puck's three. Others have their own, of which ARGoS gives the last `bright` as 0 or
+    1: a foot-bot's base is black or white."""
+
+    def converted(values: Floats, is_own: bool) -> Floats:
+        if values.shape[1] == _EPUCK_BELOW:
+            return values[:, columns]
+        grey, bases = np.split(values, [values.shape[1] - bright], axis=1)
+        return np.hstack((grey, bases >= _BRIGHT))
+
+    return converted
 
 
 def _charge(values: Floats, is_own: bool) -> Floats:
@@ -109,18 +124,26 @@ SENSORS = {
     "epuck_proximity": SensorKind("proximity", "ring", "proximity", 8, _near),
     "epuck_range_and_bearing": SensorKind("range_and_bearing", "epuck_heard", "range_and_bearing"),
     "epuck_virtual_ground_sensor": SensorKind("ground", "ground", "ground", 3),
-    "footbot_base_ground": SensorKind("ground", "below", "base_ground", 8, _sides(_BASE)),
+    "footbot_base_ground": SensorKind("ground", "below", "base_ground", 8, _sides(_BASE, 8)),
+    "footbot_encoder": SensorKind("wheels", "axled", "wheels", 2),
     "footbot_light": SensorKind("light", "ring", "light", 24, _around(_ring)),
     "footbot_motor_ground": SensorKind("ground", "below", "motor_ground", 4, _sides(_MOTOR)),
     "footbot_proximity": SensorKind("proximity", "ring", "proximity", 24, _around(_near)),
-    "ground": SensorKind("ground", "numbers", "ground", 3, _sides([_RIGHT, _CENTER, _LEFT])),
-    "light": SensorKind("light", "numbers", "light", 8, _ring),
+    "ground": SensorKind("ground", "numbers", "ground", 0, _sides([_RIGHT, _CENTER, _LEFT], 8)),
+    "light": SensorKind("light", "numbers", "light", 0, _ring),
+    "pipuck_differential_drive": SensorKind("wheels", "driven", "differential_drive", 4),
+    "pipuck_ground": SensorKind("ground", "reflected", "ground_sensors", 3),
+    "pipuck_rangefinders": SensorKind("rangefinders", "ranges", "rangefinders", 8),
+    "pipuck_system": SensorKind("wheels", "system", "system", 1),
     "positioning": SensorKind("gps", "positioning", "positioning", 3),
-    "proximity": SensorKind("proximity", "numbers", "proximity", 8, _near),
+    "proximity": SensorKind("proximity", "numbers", "proximity", 0, _near),
     "range_and_bearing": SensorKind("range_and_bearing", "heard", "range_and_bearing"),
 }
 """By the element of ARGoS that asks for it; other virtual sensors are numbers, by their names."""
 
+_BASES = "base_ground"
+"""What a foot-bot has beside "ground"."""
+_ROLLED = ("odometer", "encoder", "driven", "axled")
 _LISTS = ("seen", "heard", "epuck_heard")
 """Kinds of which a number in front says how many there are."""
 
@@ -128,8 +151,11 @@ _LISTS = ("seen", "heard", "epuck_heard")
 class LuaSensor:
     """A sensor of all robots of a controller."""
 
-    def __init__(self, swarm: Swarm, kind: SensorKind, heard_bytes: int) -> None:
-        """`heard_bytes` are those of a message that is heard."""
+    def __init__(
+        self, swarm: Swarm, kind: SensorKind, heard_bytes: int, two_radii_cm: float
+    ) -> None:
+        """`heard_bytes` are those of a message that is heard; a range is without `two_radii_cm`."""
+        self._swarm, self._two_radii_cm = swarm, two_radii_cm
         self._reading, self._kind = swarm.sensor(kind.source), kind
         self._is_own = kind.source not in swarm.offered
         self._step_s, self._before_cm = swarm.timestep_s, None
@@ -151,11 +177,13 @@ class LuaSensor:
     def values(self) -> Floats:
         """(n, k) as they are in this control step; those that are not known stay as they were."""
         reading, known = self._reading, self._reading.known
-        if self._kind.how in ("odometer", "encoder"):
+        if self._kind.how == "system":
+            return np.full((len(known), 1), self._swarm.steps * self._step_s)
+        if self._kind.how in _ROLLED:
             new = self._rolled(reading.values, known)
         elif self._kind.how == "heard":
             new = reading.values.copy()
-            new[:, 1 :: self.number] += _TWO_RADII_CM
+            new[:, 1 :: self.number] += self._two_radii_cm
         else:
             new = self._kind.convert(reading.values, self._is_own)
         if not known.all():
@@ -177,15 +205,20 @@ class LuaSensor:
         return [row[:end].tobytes() for row, end in zip(values, used)]
 
 
-def sensors_of(swarm: Swarm, declared: Collection[str], heard_bytes: int) -> list[LuaSensor]:
+def sensors_of(
+    swarm: Swarm, declared: Collection[str], heard_bytes: int, two_radii_cm: float
+) -> list[LuaSensor]:
     """The sensors that a controller's elements ask for, in the order of ARGoS's map, and all other
-    virtual ones; those that are lists come last."""
+    virtual ones; those that are lists come last. See `LuaSensor`."""
     kinds = [SENSORS[name] for name in sorted(declared) if name in SENSORS]
+    if _BASES in swarm.offered:
+        kinds = [k._replace(source=_BASES) if k.name == _BASES else k for k in kinds]
     served = {kind.source for kind in kinds}
     kinds += [SensorKind(n, "numbers", n) for n in swarm.offered if n not in served]
     kinds.sort(key=lambda kind: kind.how in _LISTS)
     own = "range_and_bearing" not in swarm.offered
-    return [LuaSensor(swarm, kind, _EPUCK_BYTES if own else heard_bytes) for kind in kinds]
+    size = _EPUCK_BYTES if own else heard_bytes
+    return [LuaSensor(swarm, kind, size, two_radii_cm) for kind in kinds]
 
 
 class ActuatorKind(NamedTuple):
@@ -202,7 +235,9 @@ ACTUATORS = {
     "epuck_range_and_bearing": ActuatorKind("epuck_said", "range_and_bearing", _EPUCK_BYTES),
     "epuck_rgb_leds": ActuatorKind("lights", "overo_leds", 3),
     "epuck_wheels": ActuatorKind("wheels", "wheels"),
-    "leds": ActuatorKind("lights", "leds", 11),
+    "leds": ActuatorKind("lights", "leds"),
+    "pipuck_differential_drive": ActuatorKind("drives", "differential_drive"),
+    "pipuck_leds": ActuatorKind("on_off", "leds", _RING + 2),
     "range_and_bearing": ActuatorKind("said", "range_and_bearing"),
 }
 """By the element of ARGoS that asks for it."""
@@ -214,14 +249,19 @@ _VIRTUAL = {"overo_leds": "rgb_leds", "range_and_bearing": "message"}
 class LuaActuators:
     """All that the robots of a controller do, n of them."""
 
-    def __init__(self, swarm: Swarm, declared: Collection[str], said_bytes: int) -> None:
-        """`said_bytes` are those of a message that is said."""
+    def __init__(
+        self, swarm: Swarm, declared: Collection[str], said_bytes: int, lamps: int
+    ) -> None:
+        """`said_bytes` are those of a message that is said; the robot has so many `lamps`."""
         self._swarm = swarm
         kinds = [ACTUATORS[name] for name in sorted(declared) if name in ACTUATORS]
         served = {_VIRTUAL.get(kind.name, kind.name) for kind in kinds}
         others = {n: k for n, k in swarm.actuates.items() if n not in {*served, RGB, "message"}}
         kinds += [ActuatorKind("set", name, number) for name, number in others.items()]
-        self._kinds = [kind._replace(number=kind.number or said_bytes) for kind in kinds]
+        sizes = {"leds": lamps}
+        self._kinds = [
+            kind._replace(number=kind.number or sizes.get(kind.name, said_bytes)) for kind in kinds
+        ]
         bound = {*swarm.actuates, *(served & {"message"})}
         self._ways = {name: swarm.actuator(name) for name in bound}
         self.lines = b"".join(f"{how} {name} {n}\n".encode() for how, name, n in self._kinds)
@@ -233,13 +273,17 @@ class LuaActuators:
         for how, name, number in self._kinds:
             size = _SIZES.get(how, _plain)(number)
             part, at = numbers[:, at : at + size], at + size
-            if how == "wheels":
-                left, right = _steps_s(part).T
+            if how in ("wheels", "drives"):
+                left, right = _steps_s(part if how == "wheels" else 100.0 * part).T
                 self._swarm.set_wheels(left, right, where)
                 continue
-            if how == "switches" or name == "leds":
+            if how in ("switches", "on_off") or name == "leds":
                 shines = True
-                lit |= _ring_bits(part if how == "switches" else _is_lit(part))
+                lit |= _ring_bits(part[:, :_RING] if how != "lights" else _is_lit(part))
+            if how == "on_off":
+                lit |= part[:, _RING].astype(np.uint32) * np.uint32(Leds.FRONT)
+                lit |= part[:, _RING + 1].astype(np.uint32) * np.uint32(Leds.BODY)
+                continue
             if how == "switches":
                 part = 255.0 * part
             if name == "overo_leds":
@@ -258,6 +302,7 @@ def _plain(number: int) -> int:
 
 _SIZES: Mapping[str, Callable[[int], int]] = {
     "wheels": lambda _: 2,
+    "drives": lambda _: 2,
     "lights": lambda number: 3 * number,
     "said": lambda number: 1 + number,
     "epuck_said": lambda number: 1 + number,
@@ -272,8 +317,13 @@ def _steps_s(speeds_cm_s: Floats) -> Floats:
 
 
 def _is_lit(levels: Floats) -> Rows:
-    """(n, 8) which LEDs of the ring have a colour."""
-    return np.asarray(levels[:, : 3 * _RING].reshape(-1, _RING, 3).any(axis=2))
+    """(n, 8) which LEDs of the ring have a colour; those of a larger ring fall on the nearest."""
+    lamps: Rows = np.asarray(levels.reshape(len(levels), -1, 3).any(axis=2))
+    ring = lamps.shape[1] - (_COLORED if lamps.shape[1] == _RING + _COLORED else 1)
+    lit = np.zeros((len(levels), _RING), dtype=np.bool_)
+    for led in range(ring):
+        lit[:, led * _RING // ring] |= lamps[:, led]
+    return lit
 
 
 def _ring_bits(lit: Any) -> Any:

@@ -80,6 +80,7 @@ class LuaProgram(HostedProgram):
             words = loaded[1].decode(errors="replace").removeprefix(library.name)
             raise SimError(f"{min(str(library), os.path.relpath(library), key=len)}{words}")
         self._states: list[Any] = []
+        self._axle_cm = 0.0
         self._given: list[bytes] = []
         self._done: list[bytes] = []
         self._until_s = 0.0
@@ -91,9 +92,12 @@ class LuaProgram(HostedProgram):
             return
         given, swarm = dict(_lines(self._told[0])), self.swarm
         declared = given.get("vs:sensors", "").split()
-        self._sensors = sensors_of(swarm, declared, int(given.get("vs:heard_bytes", 4)))
-        declared = given.get("vs:actuators", "").split()
-        self._actuators = LuaActuators(swarm, declared, int(given.get("vs:said_bytes", 4)))
+        two_radii_cm = float(given.get("vs:two_radii_cm", 7.0))
+        heard_bytes = int(given.get("vs:heard_bytes", 4))
+        self._sensors = sensors_of(swarm, declared, heard_bytes, two_radii_cm)
+        declared, lamps = given.get("vs:actuators", "").split(), int(given.get("vs:lamps", 11))
+        self._actuators = LuaActuators(swarm, declared, int(given.get("vs:said_bytes", 4)), lamps)
+        self._axle_cm = float(given.get("vs:axle_cm", 5.3))
         table = _TABLE.read_bytes()
         self._states = [self._state(robot, told, table) for robot, told in enumerate(self._told)]
         self.each(self._begin_one)
@@ -108,7 +112,9 @@ class LuaProgram(HostedProgram):
         sensors = b"".join(sensor.line for sensor in self._sensors)
         seed = 1 + int(self.swarm.random_of(robot) * 2**53)
         given = dict(_lines(told)).get("vs:id", "").encode(), _params(told), sensors
-        made = _new_state().execute(table, self._watch, log, *given, self._actuators.lines, seed)
+        made = _new_state().execute(
+            table, self._watch, log, *given, self._actuators.lines, seed, self._axle_cm
+        )
         return made
 
     def _begin_one(self, robot: int) -> None:

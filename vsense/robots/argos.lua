@@ -6,7 +6,7 @@
 -- Sources of names, units and errors: argos3 421bd76, core/wrappers/lua and the CreateLuaState of
 -- plugins/robots/generic and foot-bot; argos3-epuck 66cb8d9, control_interface.
 
-local ask, say_line, id, params, sensors, actuators, seed = ...
+local ask, say_line, id, params, sensors, actuators, seed, axle_cm = ...
 local unpack, pack, format, floor = string.unpack, string.pack, string.format, math.floor
 local getinfo, sethook, pcall, type = debug.getinfo, debug.sethook, pcall, type
 
@@ -347,8 +347,38 @@ function BUILD.battery(name) return fields(name, {"available_charge"}, {time_lef
 
 function BUILD.odometer(name)
    local keys = {"distance_left", "distance_right", "velocity_left", "velocity_right"}
-   return fields(name, keys, {axis_length = 5.3})
+   return fields(name, keys, {axis_length = axle_cm})
 end
+
+function BUILD.axled(name)
+   return fields(name, {"distance_left", "distance_right"}, {axis_length = axle_cm})
+end
+
+-- Of the Pi-Puck: speeds in m/s, distances in m.
+
+function BUILD.driven(name)
+   local encoders = {left = 0.0, right = 0.0}
+   part(name).encoders = encoders
+   return function(v, at)
+      encoders.left, encoders.right = 0.01 * v[at + 2], 0.01 * v[at + 3]
+      return at + 4
+   end
+end
+
+local function each_with(name, number, key, other, first)
+   local all = part(name)
+   for i = 1, number do all[i] = {[key] = first, [other] = 0.0} end
+   return function(v, at)
+      for i = 1, number do all[i][key] = v[at + i - 1] end
+      return at + number
+   end
+end
+
+function BUILD.ranges(name, number) return each_with(name, number, "proximity", "illuminance", 0.1) end
+function BUILD.reflected(name, number)
+   return each_with(name, number, "reflected", "background", 0.0)
+end
+function BUILD.system(name) return fields(name, {"time"}, {temperature = 0.0}) end
 
 function BUILD.encoder(name)
    local wheels, keys = part(name), {"distance_left", "distance_right"}
@@ -406,6 +436,42 @@ function does.wheels(name, at)
       out[at + 1], out[at + 2] = left, right
    end
    return 2
+end
+
+function does.drives(name, at)
+   part(name).set_linear_velocity = function(...)
+      local here = "robot.differential_drive.set_linear_velocity()"
+      count(select("#", ...), here .. " expects 2 arguments", 2)
+      local left, right = ...
+      check(left, 1, "set_linear_velocity", "number")
+      check(right, 2, "set_linear_velocity", "number")
+      if left ~= left or right ~= right then error(here .. ": a speed is no number (nan)", 2) end
+      out[at + 1], out[at + 2] = left, right
+   end
+   return 2
+end
+
+function does.on_off(name, at, number)
+   local lights, ring = part(name), number - 2
+   local function setter(key, first, last)
+      lights[key] = function(...)
+         count(select("#", ...), "robot.leds." .. key .. "() expects 1 argument", 1)
+         check((...), 1, key, "boolean")
+         for i = first, last do out[at + i] = (...) and 1.0 or 0.0 end
+      end
+   end
+   setter("set_ring_leds", 1, ring)
+   setter("set_front_led", ring + 1, ring + 1)
+   setter("set_body_led", number, number)
+   function lights.set_ring_led_index(...)
+      count(select("#", ...), "robot.leds.set_ring_led_index() expects 2 arguments", 2)
+      local i, on = ...
+      check(i, 1, "set_ring_led_index", "number")
+      check(on, 2, "set_ring_led_index", "boolean")
+      i = place(i, ring)
+      out[at + i] = on and 1.0 or 0.0
+   end
+   return number
 end
 
 local COLORS = {

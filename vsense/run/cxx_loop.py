@@ -204,8 +204,7 @@ class CxxLoopFunctions:
         places = [robot.pose or (0.0, 0.0, 0.0) for robot in experiment.robots]
         self._starts: Floats = np.array(places, dtype=np.float64).reshape(-1, 3)
         virtual = experiment.virtual_robots
-        names = [*self._names, *(robot.id for robot in virtual)]
-        self._sent = names
+        self._sent = names = [*self._names, *(robot.id for robot in virtual)]
         poses = np.array([(robot.x_m, robot.y_m, robot.yaw_rad) for robot in virtual])
         rows = np.concatenate([self._starts, poses.reshape(-1, 3)])
         self.is_alive = self._answers = True
@@ -228,6 +227,7 @@ class CxxLoopFunctions:
             f"moves\t{int(self._moves)}",
             _line("arena", "", *arena.size_m, *arena.centre_m).replace("\t\t", "\t"),
         ]
+        lines += [f"model\t{robot.id}\t{robot.model.name}" for robot in experiment.robots]
         return [*lines, *(line for e in experiment.entities if (line := _described(e)))]
 
     def _rows(self, world: World) -> Floats:

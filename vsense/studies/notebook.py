@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from vsense.modes.sim.stepping import Reward
     from vsense.studies._parallel import SwarmEnvironment
     from vsense.studies.live_run import LiveRun
+    from vsense.studies.series.campaign import Campaign
 
 Setting = str | float
 
@@ -202,28 +203,29 @@ class LoadedExperiment:
         from vsense.studies.series import campaign
         from vsense.studies.series._simulated import check_simulator
 
-        fixed = {key: (value,) for key, value in self.options.settings.items()}
-        varied = {k: tuple(map(str, listed(k, given))) for k, given in (settings or {}).items()}
-        wanted = [checked("seeds", seed, int, 1, MOST_SEED) for seed in listed("seeds", seeds)]
-        jobs = checked("jobs", jobs, int, 1)
-        address = on if isinstance(on, str) else None
         executor = None if isinstance(on, str) else on
         if not (executor is None or hasattr(executor, "submit")):
             raise UsageError(f"on={on!r}: expected HOST:PORT, or an executor, which has submit()")
-        path = Path(os.path.abspath(output)).with_suffix(".csv")
-        table = campaign.Campaign(
-            Sweep({**fixed, **varied}, tuple(wanted)),
-            setup_of(self.options),
-            path,
-            path.with_suffix(f".{FORMATS[0]}"),
-            jobs=jobs,
-            on=address,
-        )
+        jobs, address = checked("jobs", jobs, int, 1), on if isinstance(on, str) else None
         check_simulator(address, jobs, record=False)
+        varied = {k: tuple(map(str, listed(k, given))) for k, given in (settings or {}).items()}
+        table = self._campaign(listed("seeds", seeds), varied, output)
         engine = None if executor is None else Engine(type(executor).__name__, executor)
         with interruptible() as interrupted:
-            campaign.run(table, console_of(progress), interrupted, engine)
-        return RunTable(path)
+            wanted = replace(table, jobs=jobs, on=address)
+            campaign.run(wanted, console_of(progress), interrupted, engine)
+        return RunTable(table.output)
+
+    def _campaign(
+        self, seeds: Sequence[int], varied: Mapping[str, tuple[str, ...]], output: str | Path
+    ) -> Campaign:
+        from vsense.studies.series.campaign import Campaign
+
+        fixed = {key: (value,) for key, value in self.options.settings.items()}
+        wanted = tuple(checked("seeds", seed, int, 1, MOST_SEED) for seed in seeds)
+        path = Path(os.path.abspath(output)).with_suffix(".csv")
+        picture = path.with_suffix(f".{FORMATS[0]}")
+        return Campaign(Sweep({**fixed, **varied}, wanted), setup_of(self.options), path, picture)
 
     def lab(
         self,

@@ -9,7 +9,7 @@ import importlib
 import io
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -25,9 +25,6 @@ from vsense.run.directory import LOGGED, MEASURES_CSV, SUMMARY, TIMESTEPS_CSV, T
 from vsense.run.runs_csv import RUNS, RunRow, read_runs
 
 Columns = dict[str, NDArray[Any]]
-
-PICTURE_PX = 640
-"""Width of the arena where a run plays."""
 
 
 @dataclass(frozen=True)
@@ -169,13 +166,9 @@ class FinishedRun:
             VsenseError: what is left of the run cannot be read.
         """
         require("play() needs", "anywidget")
-        import cv2
+        from vsense.studies._drawing import make_player
 
-        from vsense.studies._player import make_player
-
-        experiment = self._known()
-        _, png = cv2.imencode(".png", self._empty_arena(PICTURE_PX))
-        return make_player(self.poses, self.leds, experiment, png.tobytes())
+        return make_player(self.poses, self.leds, self._known(), self.summary["seed"])
 
     def draw(self, axes: Any, until_s: float = math.inf, **line: Any) -> None:
         """Draws the arena and the way of each robot, with a dot at its end, into Matplotlib's axes.
@@ -187,32 +180,19 @@ class FinishedRun:
         Raises:
             UsageError, VsenseError: as `play`.
         """
-        arena = self._known().arena
-        middle, half = np.array(arena.centre_m[:2]), np.array(arena.size_m[:2]) / 2.0
-        extent = np.column_stack((middle - half, middle + half)).ravel()
-        axes.imshow(self._empty_arena(2 * PICTURE_PX)[:, :, ::-1], extent=extent, zorder=0)
-        poses = self.poses[self.time_s <= until_s]
-        for robot in range(poses.shape[1]):
-            (way,) = axes.plot(*poses[:, robot, :2].T, **{"linewidth": 1.0, **line})
-            seen = poses[~np.isnan(poses[:, robot, 0]), robot, :2]
-            axes.plot(*seen[-1:].T, "o", markersize=4.0, color=way.get_color())
-        axes.set(xlabel="x [m]", ylabel="y [m]")
+        from vsense.studies import _drawing
+
+        experiment = self._known()
+        picture = _drawing.empty_arena(experiment, self.summary["seed"], 2 * _drawing.PICTURE_PX)
+        extent = _drawing.corners(experiment).T.ravel()
+        axes.imshow(picture[:, :, ::-1], extent=extent, zorder=0)
+        _drawing.draw_ways(axes, self.poses[self.time_s <= until_s], line)
 
     def _known(self) -> Experiment:
         if self.experiment is None:
             words = "expected a run that simulate(), lab() or run() gave, or"
             raise UsageError(f"{self.folder}: {words} FinishedRun(folder, experiment)")
         return self.experiment
-
-    def _empty_arena(self, width_px: int) -> NDArray[np.uint8]:
-        """From above, without robots and without what loop functions put there: (h, w, 3) BGR."""
-        from vsense.monitor.pictures.run_figure import draw_arena  # with OpenCV
-        from vsense.run.environment import Environment
-
-        experiment = replace(self._known(), loop_functions=None)
-        world = Environment(experiment, self.summary["seed"]).world
-        nobody = np.empty((0, 3)), np.empty(0, np.bool_)
-        return np.asarray(draw_arena(experiment, world, *nobody, width_px))
 
     def _repr_html_(self) -> str:
         words = {"seed": self.summary["seed"], "robots": self.summary["robots"]}

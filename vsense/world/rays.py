@@ -77,6 +77,7 @@ class MovingBodies(Bodies):
         self.crowd: Any = kernel_ffi.new("struct vs_crowd *")
         discs = disc_rows(moving, moving)
         discs["radius_m"] = [model.radius_m for model in models]
+        discs["half_x_m"], discs["half_y_m"] = np.array([m.nose_m for m in models]).reshape(-1, 2).T
         self._heights_m = np.array([model.height_m for model in models])
         super().__init__(np.concatenate((discs, standing)))
         self.crowd.world, self.crowd.obstacles = seen.cdata, self.cdata

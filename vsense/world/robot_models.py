@@ -5,23 +5,34 @@ beside the `.argos` file comes before the shipped ones. Lengths are in m, in the
 forward, y left, from the middle between its wheels on the floor; angles are counter-clockwise from
 straight ahead.
 
-    [body] radius_m, height_m, marker_height_m, mass_kg
+    [body] radius_m, height_m, marker_height_m, mass_kg; nose_m: how far ahead what lines of sight
+        meet and bodies do not sits, and its radius; none by default
     [wheels] axle_m, diameter_m, steps_per_turn, max_steps_s; timer_hz: steppers make a step every
         whole number of such ticks, 0 (default): any speed; acceleration_m_s2 of a wheel, 0
         (default): at once
     [ring] its own proximity sensors, up to 8, in the order in which controllers get them: places_m,
         headings_deg, half_cone_deg, table_m and table_raw (readings of a surface ahead; the last is
         that of nothing), noise_raw
-    [infrared] where virtual proximity and light sensors sit: radius_m, height_m
     [ground] places_m of its ground sensors
     [leds] ring_m: places of bits 0 to 7; front_m: of bit 9
+
+What follows is for virtual devices, and the e-puck's where a file lacks the table:
+
+    [infrared] the ring of proximity and light sensors: radius_m, height_m; range_m and curve, see
+        `vsense.world.sensors.proximity`; angles_rad that controllers are told, places_rad where
+        they sit and look, by default the same; or lines_m of rangefinders, from x, y to x, y
+    [generic] that of ARGoS's <proximity>, where it is another one: likewise
+    [base_ground] places_m of further ones
+    [lamps] places_m, x, y, z, of single LEDs that virtual cameras see
+    [radio] of range-and-bearing messages: height_m, range_m, bytes
+    [camera] omnidirectional: height_m, aperture_deg from its axis
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -33,13 +44,16 @@ from numpy.typing import NDArray
 from vsense.base.errors import instead
 from vsense.base.files import PACKAGE_FOLDER
 from vsense.base.native import kernels
-from vsense.base.toml import Reader, TomlFile, integer, read_toml_text, real
+from vsense.base.toml import Reader, TomlFile, integer, matching, read_toml_text, real
 from vsense.world.entities import WorldError
 
 Point = tuple[float, float]
 
 MODEL_SUFFIX = ".toml"
 MODELS_FOLDER = PACKAGE_FOLDER / "world" / "models"
+CURVES = ("epuck", "generic", "foot-bot", "distance")
+"""How infrared sensors respond; the numbers of `enum vs_proximity_curve`."""
+
 RING_SENSORS = 8
 """Proximity sensors that the wire has room for."""
 
@@ -64,10 +78,15 @@ class RingModel:
 
 @dataclass(frozen=True, slots=True)
 class InfraredModel:
-    """A circle of sensors around the body."""
+    """Sensors around the body; see the module."""
 
-    radius_m: float = 0.0
-    height_m: float = 0.0
+    radius_m: float
+    height_m: float
+    range_m: float
+    curve: str
+    angles_rad: tuple[float, ...] = ()
+    places_rad: tuple[float, ...] = ()
+    lines_m: tuple[tuple[float, ...], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +95,23 @@ class LedModel:
 
     ring_m: tuple[Point, ...] = ()
     front_m: Point = (0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class RadioModel:
+    """What says and hears range-and-bearing messages."""
+
+    height_m: float
+    range_m: float
+    bytes: int
+
+
+@dataclass(frozen=True, slots=True)
+class CameraModel:
+    """An omnidirectional camera."""
+
+    height_m: float
+    aperture_deg: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,11 +132,17 @@ class RobotModel:
     diameter_m: float
     steps_per_turn: int
     max_steps_s: int
+    infrared: InfraredModel
+    generic: InfraredModel
+    radio: RadioModel
+    camera: CameraModel
+    ground_m: tuple[Point, ...]
+    lamps_m: tuple[tuple[float, ...], ...]
+    base_ground_m: tuple[Point, ...] = ()
     timer_hz: int = 0
     acceleration_m_s2: float = 0.0
+    nose_m: tuple[float, ...] = (0.0, 0.0)
     ring: RingModel = RingModel()
-    infrared: InfraredModel = InfraredModel()
-    ground_m: tuple[Point, ...] = ()
     leds: LedModel = LedModel()
 
     @property
@@ -130,8 +172,8 @@ class RobotModel:
         return math.copysign(self.timer_hz / (self.timer_hz // commanded), steps_s)
 
 
-WHEELS = ("axle_m", "max_steps_s", "timer_hz")
-"""What of its wheels decides how a robot drives; a step is the same for all."""
+WHEELS = ("axle_m", "diameter_m", "steps_per_turn", "max_steps_s", "timer_hz")
+"""What decides how a robot drives as it is told to."""
 
 _CLOSE_M = 0.005
 """More than bodies can close in a tick."""
@@ -182,13 +224,13 @@ def _numbers(least: float, most: float, sizes: Sequence[int]) -> Reader:
     return read
 
 
-def _points(sizes: Sequence[int]) -> Reader:
+def _points(sizes: Sequence[int], axes: str = "x, y") -> Reader:
     """Reads a list of places."""
-    point = _numbers(-_MOST_M, _MOST_M, (2,))
+    point = _numbers(-_MOST_M, _MOST_M, (axes.count(",") + 1,))
 
     def read(value: Any) -> tuple[tuple[float, ...], ...]:
         if not isinstance(value, list) or len(value) not in sizes:
-            raise ValueError(f"a list of {sizes[0]} to {sizes[-1]} places [x, y]")
+            raise ValueError(f"a list of {sizes[0]} to {sizes[-1]} places [{axes}]")
         return tuple(point(part) for part in value)
 
     return read
@@ -199,12 +241,24 @@ _LENGTH = real(0.001, _MOST_M, " m")
 _SENSORS = range(1, RING_SENSORS + 1)
 _TABLE = range(2, kernels.VS_RING_TABLE_MAX + 1)
 _RAW = (0.0, float(kernels.VS_RING_RAW_MAX))
+_MANY = range(1, 33)
+_AROUND = _numbers(-math.pi, math.pi, _MANY)
+_INFRARED: Mapping[str, Reader] = {
+    "radius_m": _LENGTH,
+    "height_m": _LENGTH,
+    "range_m": _LENGTH,
+    "curve": matching("|".join(CURVES), f"one of {', '.join(CURVES)}"),
+    "angles_rad": _AROUND,
+    "places_rad": _AROUND,
+    "lines_m": _points(_MANY, "x, y, x, y"),
+}
 _SCHEMA: Mapping[str, Mapping[str, Reader]] = {
     "body": {
         "radius_m": _LENGTH,
         "height_m": _LENGTH,
         "marker_height_m": _LENGTH,
         "mass_kg": real(0.001, 1000.0, " kg"),
+        "nose_m": _numbers(0.0, _MOST_M, (2,)),
     },
     "wheels": {
         "axle_m": _LENGTH,
@@ -222,42 +276,62 @@ _SCHEMA: Mapping[str, Mapping[str, Reader]] = {
         "table_raw": _numbers(*_RAW, _TABLE),
         "noise_raw": real(*_RAW),
     },
-    "infrared": {"radius_m": _LENGTH, "height_m": _LENGTH},
-    "ground": {"places_m": _points(range(1, 33))},
     "leds": {"ring_m": _points(_SENSORS), "front_m": _numbers(-_MOST_M, _MOST_M, (2,))},
+    "ground": {"places_m": _points(_MANY)},
+    "infrared": _INFRARED,
+    "generic": _INFRARED,
+    "base_ground": {"places_m": _points(_MANY)},
+    "lamps": {"places_m": _points(_MANY, "x, y, z")},
+    "radio": {"height_m": _LENGTH, "range_m": real(0.001, 1000.0, " m"), "bytes": integer(1, 16)},
+    "camera": {"height_m": _LENGTH, "aperture_deg": real(0.1, 89.0, " degrees")},
 }
+_WHERE = ("angles_rad", "places_rad", "lines_m")
 _OPTIONAL = {
-    "wheels": ("timer_hz", "acceleration_m_s2"),
-    "ring": (),
-    "infrared": (),
-    "ground": (),
-    "leds": (),
-}
-"""Tables that a file may lack, and what those that it has may lack; [wheels] must be there."""
+    "body": ("nose_m",), "wheels": ("timer_hz", "acceleration_m_s2"),
+    "infrared": _WHERE, "generic": _WHERE,
+}  # fmt: skip
+"""What tables may lack; only those of `_NEEDED` must be there."""
+_NEEDED = ("body", "wheels")
+_PARTS: Mapping[str, Callable[..., Any]] = {
+    "ring": RingModel, "leds": LedModel, "infrared": InfraredModel, "generic": InfraredModel,
+    "radio": RadioModel, "camera": CameraModel,
+}  # fmt: skip
+_PLACES = ("ground", "base_ground", "lamps")
+_USUAL = MODELS_FOLDER / f"epuck{MODEL_SUFFIX}"
+_LENT = ("infrared", "generic", "radio", "camera", "ground_m", "lamps_m")
+"""What a model has of `_USUAL`, where its file says nothing else."""
 
 
 def _read(path: Path) -> RobotModel:
     file = TomlFile(path, read_toml_text(path))
     tables = file.read(_SCHEMA)
     for name, form in _SCHEMA.items():
-        if name not in tables and name in _OPTIONAL and name != "wheels":
+        if name not in tables and name not in _NEEDED:
             continue
-        lacking = [key for key in form if key not in tables.get(name, {})]
-        for key in lacking:
+        for key in (key for key in form if key not in tables.get(name, {})):
             if key not in _OPTIONAL.get(name, ()):
                 raise file.error(f"[{name}] lacks {key}", name)
     if "ring" in tables:
         _check_ring(file, tables["ring"])
-    parts: dict[str, Callable[..., Any]] = {
-        "ring": RingModel, "infrared": InfraredModel, "leds": LedModel,
-    }  # fmt: skip
-    return RobotModel(
-        file=path,
-        **tables["body"],
-        **tables["wheels"],
-        ground_m=tables.get("ground", {}).get("places_m", ()),
-        **{name: make(**tables[name]) for name, make in parts.items() if name in tables},
-    )
+    for name in {"infrared", "generic"} & tables.keys():
+        _check_infrared(file, name, tables[name])
+    known = {name: make(**tables[name]) for name, make in _PARTS.items() if name in tables}
+    known |= {f"{name}_m": tables[name]["places_m"] for name in _PLACES if name in tables}
+    if "infrared" in known:
+        known.setdefault("generic", replace(known["infrared"], curve=CURVES[1]))
+    if path != _USUAL:
+        known = {name: getattr(read_model(_USUAL), name) for name in _LENT} | known
+    return RobotModel(file=path, **tables["body"], **tables["wheels"], **known)
+
+
+def _check_infrared(file: TomlFile, name: str, table: Mapping[str, Any]) -> None:
+    """Refuses a ring without a place, and places that do not belong to its angles."""
+    angles, places = table.get("angles_rad", ()), table.get("places_rad", ())
+    if len(angles) == 0 and "lines_m" not in table:
+        raise file.error("expected angles_rad or lines_m", name)
+    if places and len(places) != len(angles):
+        words = f"has {len(places)} numbers, expected {len(angles)} as angles_rad"
+        raise file.error(f"places_rad {words}", name, "places_rad")
 
 
 def _check_ring(file: TomlFile, ring: Mapping[str, Any]) -> None:

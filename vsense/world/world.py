@@ -66,10 +66,6 @@ MESSAGE = np.dtype(
 """A robot's message to its neighbours, as `struct vs_message`: `length` bytes of `data`; length 0:
 nothing. It is heard up to `range_m`; 0: as far as the receiver says."""
 
-ROBOT_LEDS = 11
-"""LEDs of an e-puck of ARGoS: its ring of 8, counter-clockwise from the front left, and three
-coloured ones, front left, front right and back."""
-
 
 class World:
     """What virtual sensors read and virtual actuators change; one `update` per timestep.
@@ -82,7 +78,8 @@ class World:
         objects: POSE array, read-only, of the tagged things that are no robots, likewise.
         real_robots: how many of the robots are real.
         leds: (n, 3) uint8 red, green, blue that each robot shows with its virtual LEDs; 0: off.
-        led_colors: (n, ROBOT_LEDS, 3) uint8 of each single one, as cameras of ARGoS see them.
+        led_colors: (n, k, 3) uint8 of each single one, in the order of its model's lamps, as
+            ARGoS's cameras see them; k is the largest number of a robot.
         messages: MESSAGE array (n,), what each robot sends now.
         sources: what pollutes, in the experiment's order.
         fields: fields by id.
@@ -140,6 +137,7 @@ class World:
         self.sources = tuple(sources)
         self.arena, self.timestep_s, self.controllers = arena, timestep_s, controllers
         self.models = models
+        self._lamps = max(len(model.lamps_m) for model in (EPUCK, *models.values()))
         self.params: dict[str, str] = {}
         self.fields = by_id(fields, timestep_s)
         self._inventory, self._seed = Inventory(entities), seed
@@ -157,7 +155,7 @@ class World:
         self.random = np.random.Generator(np.random.PCG64(self._seed))
         self._robots = self._robots[: self.real_robots]
         self._leds = np.zeros((self.real_robots, 3), dtype=np.uint8)
-        self._led_colors = np.zeros((self.real_robots, ROBOT_LEDS, 3), dtype=np.uint8)
+        self._led_colors = np.zeros((self.real_robots, self._lamps, 3), dtype=np.uint8)
         self._messages = np.zeros(self.real_robots, dtype=MESSAGE)
         self._settle()
 

@@ -17,7 +17,7 @@ local function ring(name)
       sum = sum + values[i] * (i <= #robot[name] / 2 and 1 or -1)
    end
    note(name, table.unpack(values))
-   if #angles > 0 then note(name .. ".angle", table.unpack(angles)) end
+   if #angles > 0 and (#angles < 24 or now == 0) then note(name .. ".angle", table.unpack(angles)) end
    return sum
 end
 
@@ -27,6 +27,20 @@ local function ground()
    if below.center then note("ground", below.left, below.center, below.right) return below.center end
    note("ground", table.unpack(below))
    return below[2]
+end
+
+-- What a Pi-Puck has.
+local function around()
+   local far, grey, sum = {}, {}, 0
+   for i, finder in ipairs(robot.rangefinders or {}) do
+      far[i] = finder.proximity
+      sum = sum + (0.1 - far[i]) * (i > 4 and 50 or -50)
+   end
+   for i, below in ipairs(robot.ground_sensors or {}) do grey[i] = below.reflected end
+   if #far > 0 then note("rangefinders", table.unpack(far)) end
+   if #grey > 0 then note("ground_sensors", table.unpack(grey)) end
+   if robot.system then note("system", robot.system.time, robot.system.temperature) end
+   return sum
 end
 
 local function heard()
@@ -56,10 +70,15 @@ end
 
 local function shine(blobs)
    local bright = 25 * (now % 10)
-   if robot.leds then
+   if robot.leds and robot.leds.set_ring_leds then
+      robot.leds.set_ring_leds(now % 4 < 2)
+      robot.leds.set_ring_led_index(1 + now % 8, true)
+      robot.leds.set_body_led(now % 3 == 0)
+   elseif robot.leds then
       robot.leds.set_all_colors(now % 20 < 10 and "cyan" or "black")
       robot.leds.set_single_color(1 + now % 8, bright, 0, 255 - bright)
       robot.leds.set_single_color(8, "orange")
+      if #robot.proximity == 24 then robot.leds.set_single_color(13, "green") end
    end
    if robot.overo_leds then robot.overo_leds.set_single_color(1 + now % 3, bright, 200, blobs % 256) end
    if robot.base_leds then
@@ -80,13 +99,15 @@ function step()
    local place = robot.positioning
    local yaw = place.orientation:toeulerangles()
    note("step", now, place.position.x, place.position.y, yaw)
-   local turn = 3 * ring("proximity") - ring("light") + 0.1 * ring("motor_ground")
+   ring("base_ground")
+   local turn = 3 * ring("proximity") - ring("light") + 0.1 * ring("motor_ground") + around()
    local speed = 2 + 6 * ground() + 0.1 * heard() - 0.01 * seen()
    shine(now)
    local bytes = {number, now % 256, math.floor(100 * speed) % 256, 7}
    if robot.range_and_bearing then robot.range_and_bearing.set_data(bytes) end
    local left, right = speed - turn, speed + turn
-   robot.wheels.set_velocity(left, right)
+   if robot.wheels then robot.wheels.set_velocity(left, right)
+   else robot.differential_drive.set_linear_velocity(0.01 * left, 0.01 * right) end
    note("wheels", left, right)
    now = now + 1
 end

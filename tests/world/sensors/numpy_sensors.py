@@ -15,8 +15,6 @@ from vsense.world.rays import Bodies, disc_rows, entity_rows
 from vsense.world.robot_models import EPUCK
 from vsense.world.sensors.geometry import Reach, Ring, rows_of, within
 from vsense.world.sensors.omnidirectional_camera import (
-    CAMERA_HEIGHT_M,
-    LEDS_M,
     OmnidirectionalCamera,
 )
 from vsense.world.sensors.proximity import RANGE_M, ProximitySensor
@@ -66,7 +64,8 @@ def proximity(sensor: ProximitySensor, world: World, robots: Robots) -> Floats:
     if sensor.field_of_view_rad > 0.0:
         fan = sensor.field_of_view_rad / 2.0 * np.linspace(-1.0, 1.0, RAYS)
     headings = ring_headings(sensor.ring, robots)[:, :, None] + fan
-    place = (0.035, 0.06) if sensor.generic else (EPUCK.infrared.radius_m, EPUCK.infrared.height_m)
+    generic = sensor.curve == "generic"
+    place = (0.035, 0.06) if generic else (0.036, 0.032)
     starts = np.repeat(ring_points(sensor.ring, robots, *place)[:, :, None, :], len(fan), axis=2)
     ends = starts.copy()
     ends[..., 0] += sensor.range_m * np.cos(headings)
@@ -79,7 +78,7 @@ def proximity(sensor: ProximitySensor, world: World, robots: Robots) -> Floats:
     if sensor.blind_within:
         shares[shares <= 0.0] = np.inf
     distances_m = sensor.range_m * shares.reshape(headings.shape).min(axis=2)
-    if sensor.generic:
+    if generic:
         return np.asarray(sensor.full * np.exp(-distances_m))
     return np.asarray(sensor.full * response(distances_m * (RANGE_M / sensor.range_m)))
 
@@ -247,6 +246,19 @@ def range_and_bearing(
     data[silent] = 0.0
     columns = np.column_stack((range_cm, bearing_rad, data))
     return pairs.reading(len(robots), places, columns)
+
+
+CAMERA_HEIGHT_M = 0.122
+RING_RAD = np.pi / 16 + np.pi / 4 * np.arange(8.0)
+LEDS_M = np.array(
+    [
+        *((0.036 * np.cos(a), 0.036 * np.sin(a), 0.04) for a in RING_RAD),
+        (0.018, 0.0311769, 0.0765),
+        (0.018, -0.0311769, 0.0765),
+        (-0.036, 0.0, 0.0765),
+    ]
+)
+"""Of an e-puck. Source: argos3-epuck 66cb8d9, epuck_entity.cpp lines 24-46 and 190-210."""
 
 
 def camera(

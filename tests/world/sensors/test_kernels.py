@@ -19,6 +19,7 @@ from vsense.world.actuators import leds as leds_actuators
 from vsense.world.actuators.messages import MessagesActuator
 from vsense.world.entities import VIRTUAL_TAG_MIN, Box, Cylinder, Entity, Led, VirtualRobot, Zone
 from vsense.world.fields import Floor
+from vsense.world.robot_models import model_of
 from vsense.world.sensors import omnidirectional_camera, proximity, range_and_bearing
 from vsense.world.sensors.base import Scope
 from vsense.world.sensors.omnidirectional_camera import OmnidirectionalCamera
@@ -293,6 +294,10 @@ def test_memory_that_c_and_numpy_share_is_laid_out_alike() -> None:
 
 
 def test_no_two_leds_of_a_robot_are_farther_apart_than_c_looks() -> None:
-    """APART_M of vs_camera.c."""
-    leds_m = omnidirectional_camera.LEDS_M[:, :2]
-    assert np.hypot(*(leds_m[:, None] - leds_m[None]).transpose(2, 0, 1)).max() < 0.1
+    for name in ("epuck", "footbot"):
+        model = model_of(name)
+        world = World([1], models={1: model})
+        camera = OmnidirectionalCamera(0.3, True, 0.0, 25, model.camera.height_m)
+        apart_m = camera.kernel(world, world.robots).cdata.apart_m
+        leds_m = np.array(model.lamps_m)[:, :2]
+        assert np.hypot(*(leds_m[:, None] - leds_m[None]).transpose(2, 0, 1)).max() <= apart_m < 0.2

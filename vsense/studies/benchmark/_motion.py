@@ -53,22 +53,24 @@ class WheelOrders:
     Attributes:
         times_s: (m,) since when; a speed is kept until the next one.
         speeds: (m, 2) left and right [steps/s], those that its motors make of them.
+        step_m: way of a nominal wheel in a step.
     """
 
     times_s: Floats
     speeds: Floats
+    step_m: float
 
     def ways_m(self, times_s: Floats) -> Floats:
         """The ways that nominal wheels would have gone up to some times, (k, 2); NaN: not known."""
         spans = np.diff(self.times_s, append=self.times_s[-1:])[:, None] * self.speeds
-        ways = np.vstack((np.zeros((1, 2)), np.cumsum(spans, axis=0)[:-1])) * EPUCK.step_m
+        ways = np.vstack((np.zeros((1, 2)), np.cumsum(spans, axis=0)[:-1])) * self.step_m
         columns = [np.interp(times_s, self.times_s, ways[:, k], np.nan, np.nan) for k in (0, 1)]
         return np.stack(columns, axis=-1)
 
     def stood(self, times_s: Floats) -> Flags:
         """Whether both speeds were 0 for 0.5 s, and are up to 0.1 s after, (k,)."""
         turns = np.abs(self.speeds).sum(axis=1, keepdims=True).repeat(2, axis=1)
-        along = WheelOrders(self.times_s, turns)
+        along = WheelOrders(self.times_s, turns, self.step_m)
         ways = along.ways_m(times_s + 0.1) - along.ways_m(times_s - 0.5)
         return np.asarray(ways[:, 0] == 0.0)
 
@@ -183,7 +185,8 @@ class _Gathered:
         """All of it, in seconds since the run's first picture."""
         zero_ns, poses = self.times_ns[0], np.array(self._poses)
         times_s = (np.array(self.times_ns) - zero_ns) / 1e9
-        orders = tuple(_orders(rows, zero_ns) for rows in self._orders)
+        told = zip(self._orders, self._models)
+        orders = tuple(_orders(rows, zero_ns, model.step_m) for rows, model in told)
         radii_m = np.array([model.radius_m for model in self._models])
         free = _free(poses, self._experiment.arena or {}, radii_m)
         step_s = float(self._experiment.timestep_s or 0.1)
@@ -212,14 +215,16 @@ def _model(robot: Mapping[str, Any]) -> RobotModel:
     return replace(EPUCK, **told)
 
 
-def _orders(rows: list[tuple[float, float, float]], zero_ns: int) -> WheelOrders | None:
+def _orders(
+    rows: list[tuple[float, float, float]], zero_ns: int, step_m: float
+) -> WheelOrders | None:
     """A robot's orders by time; None: fewer than two are known."""
     table = np.array(sorted(rows), np.float64).reshape(-1, 3)
     _, first = np.unique(table[:, 0], return_index=True)
     table = table[first]
     if len(table) < 2:
         return None
-    return WheelOrders((table[:, 0] - zero_ns) / 1e9, table[:, 1:])
+    return WheelOrders((table[:, 0] - zero_ns) / 1e9, table[:, 1:], step_m)
 
 
 def _free(poses: Floats, arena: Mapping[str, Any], radii_m: Floats) -> Flags:

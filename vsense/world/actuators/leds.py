@@ -11,8 +11,9 @@ ARGoS's elements are single LEDs, each of which a camera sees as a blob:
                                        front right, then back
     <epuck_base_leds medium="leds" />  "base_leds": 8 levels, 0 off, else red, clockwise from the
                                        front right
-    <leds medium="leds" />             "leds": red, green, blue of the 8 of the ring,
-                                       counter-clockwise from the front left, then of those 3
+    <leds medium="leds" />             "leds": red, green, blue of all that the robot has; an
+                                       e-puck the 8 of the ring, counter-clockwise from the front
+                                       left, then those 3; a foot-bot 12 likewise, then its beacon
 
 Source: argos3-epuck 66cb8d9, epuck_rgb_leds_default_actuator.cpp lines 54-58,
 epuck_base_leds_default_actuator.cpp lines 58-70; argos3 421bd76, leds_default_actuator.cpp.
@@ -27,10 +28,11 @@ import numpy as np
 from vsense.base.native import kernel_ffi, kernels
 from vsense.base.xml.element import Element
 from vsense.world.actuators.base import ApplyFunction, RowNumbers, VirtualActuator, apply_in_c
+from vsense.world.robot_models import RobotModel
 from vsense.world.sensors.base import Robots, Scope
 from vsense.world.sensors.geometry import rows_of
 from vsense.world.sensors.quality import Floats, Scale
-from vsense.world.world import ROBOT_LEDS, World
+from vsense.world.world import World
 
 ELEMENTS = ("virtual_leds_actuator",)
 ARGOS_ELEMENTS = ("epuck_rgb_leds", "epuck_base_leds", "leds")
@@ -38,8 +40,6 @@ ARGOS_ELEMENTS = ("epuck_rgb_leds", "epuck_base_leds", "leds")
 _FULL = 255.0
 _BRIGHTNESS = Scale(unit=_FULL, low=0.0, high=_FULL)
 _SWITCHES = Scale(unit=0.0, low=0.0, high=_FULL)
-_RING = 8
-"""The first LEDs of `World.led_colors`; the coloured ones follow."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +117,7 @@ class _Lamps:
         shown = (world.led_colors, world.leds)
         self._arrays = own, *(kernel_ffi.from_buffer("uint8_t[]", array) for array in shown)
         parts = actuator.first, actuator.count, actuator.switches
-        members = len(rows), *self._arrays, ROBOT_LEDS, *parts
+        members = len(rows), *self._arrays, world.led_colors.shape[1], *parts
         self.cdata = kernel_ffi.new("struct vs_lamps *", members)
 
 
@@ -128,8 +128,13 @@ def from_xml(element: Element, scope: Scope) -> LedsActuator:
 
 def from_argos(element: Element, scope: Scope) -> VirtualActuator:
     """Makes the actuator that one of ARGoS's elements asks for."""
-    if element.name == "epuck_base_leds":
-        return SingleLedsActuator("base_leds", 0, _RING, switches=True)
-    if element.name == "leds":
-        return SingleLedsActuator("leds", 0, ROBOT_LEDS)
-    return SingleLedsActuator("rgb_leds", _RING, ROBOT_LEDS - _RING)
+    name, first, count = lamps_of(element.name, scope.robots.model)
+    return SingleLedsActuator(name, first, count, switches=name == "base_leds")
+
+
+def lamps_of(element: str, model: RobotModel) -> tuple[str, int, int]:
+    """What controllers call the LEDs that an element of ARGoS sets, the first one, and how many."""
+    ring, count = len(model.leds.ring_m), len(model.lamps_m)
+    if element == "epuck_base_leds":
+        return "base_leds", 0, ring
+    return ("leds", 0, count) if element == "leds" else ("rgb_leds", ring, count - ring)

@@ -31,8 +31,6 @@ ARGOS_ELEMENTS = ("epuck_range_and_bearing", "range_and_bearing")
 
 DEFAULT_SIZE = 4
 """Bytes of a message of the e-puck's range-and-bearing board. Source: argos3-epuck."""
-MESSAGE_RANGE_M = 0.8
-"""How far it reaches. Source: as above."""
 
 _MAX_RANGE_M = 1000.0
 
@@ -90,5 +88,5 @@ def from_argos(element: Element, scope: Scope) -> MessagesActuator:
     if element.name == "range_and_bearing":
         return MessagesActuator(scope.robots.message_bytes, range_m=scope.robots.rab_range_m)
     size = element.integer("data_size", 1, MESSAGE_MAX, DEFAULT_SIZE)
-    range_m = element.number("range", 0.001, _MAX_RANGE_M, "m", MESSAGE_RANGE_M)
+    range_m = element.number("range", 0.001, _MAX_RANGE_M, "m", scope.robots.model.radio.range_m)
     return MessagesActuator(size, range_m=range_m)

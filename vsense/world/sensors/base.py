@@ -33,6 +33,7 @@ from vsense.base.native import kernels
 from vsense.base.xml.element import Element, shown
 from vsense.world.entities import Entity
 from vsense.world.pollution import PollutantSource
+from vsense.world.robot_models import EPUCK, RobotModel
 from vsense.world.sensors.quality import ALWAYS, Quality, Scale, Updating
 from vsense.world.world import World
 
@@ -99,7 +100,7 @@ class MountedSensor:
 
 @dataclass(frozen=True, slots=True)
 class RobotSettings:
-    """What `<e-puck>` says of a simulated one's devices; the defaults are ARGoS's.
+    """What a robot is, and what its element says of its devices where they are virtual.
 
     Attributes:
         rab_range_m: how far `<range_and_bearing>` reaches.
@@ -107,9 +108,19 @@ class RobotSettings:
         aperture_rad: of the omnidirectional camera, from its axis.
     """
 
-    rab_range_m: float = 0.8
-    message_bytes: int = 2
-    aperture_rad: float = math.radians(70.0)
+    model: RobotModel
+    rab_range_m: float
+    message_bytes: int
+    aperture_rad: float
+
+    @classmethod
+    def of(cls, model: RobotModel) -> RobotSettings:
+        """Those of a robot whose element says nothing."""
+        radio, aperture_rad = model.radio, math.radians(model.camera.aperture_deg)
+        return cls(model, radio.range_m, radio.bytes, aperture_rad)
+
+
+_USUAL = RobotSettings.of(EPUCK)
 
 
 @dataclass(slots=True)
@@ -138,7 +149,7 @@ class Scope:
     folder: Path = Path()
     sources: list[PollutantSource] = field(default_factory=list)
     named: set[int] = field(default_factory=set)
-    robots: RobotSettings = RobotSettings()
+    robots: RobotSettings = _USUAL
     most: int = 1
     leds: int = 0
     watched: bool = False

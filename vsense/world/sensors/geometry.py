@@ -15,7 +15,7 @@ from vsense.base.native import check, kernel_ffi, kernels
 from vsense.base.xml.element import Element
 from vsense.world.fields import Floor
 from vsense.world.rays import MovingBodies
-from vsense.world.robot_models import EPUCK
+from vsense.world.robot_models import EPUCK, InfraredModel
 from vsense.world.sensors.base import ReadFunction, Readings, Robots
 from vsense.world.sensors.quality import Floats
 from vsense.world.world import World
@@ -27,8 +27,6 @@ _MAX_RANGE_M = 1000.0
 _MAX_RING: int = kernels.VS_LIGHT_SENSORS_MAX
 _PLACE_AT: int = POSE.fields["x_m"][1]  # type: ignore[index]
 """Where a row of POSE has x_m, y_m, yaw_rad."""
-_ARGOS_DIVISORS = (10.5884, 3.5999, 2.0, 1.2, 0.8571, 0.6667, 0.5806, 0.5247)
-"""pi through these are the angles that ARGoS reports. Source: iridia.md section 3."""
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -58,7 +56,7 @@ class Ring:
             angles: Floats = EPUCK.ring.headings_rad
             return cls(angles, angles)
         if text == "argos":
-            ring = cls.of_argos()
+            ring = cls.of(EPUCK.infrared)
             return cls(ring.angles_rad[::-1], ring.places_rad[::-1])
         if not re.fullmatch("[0-9]{1,3}", text) or not 1 <= int(text) <= _MAX_RING:
             raise element.error(f"{text[:60]!r} is not {expected}", "vs:ring")
@@ -66,10 +64,10 @@ class Ring:
         return cls(angles, angles)
 
     @classmethod
-    def of_argos(cls) -> Ring:
-        """Gives the ring of ARGoS's e-puck, with its places, in the real robot's order."""
-        even = np.pi / 16 + np.pi / 4 * np.arange(8.0)
-        return cls(wrap_angle(np.pi / np.array(_ARGOS_DIVISORS))[::-1], wrap_angle(even)[::-1])
+    def of(cls, infrared: InfraredModel) -> Ring:
+        """Gives the ring of a robot, in the order in which controllers get it."""
+        places = infrared.places_rad or infrared.angles_rad
+        return cls(np.array(infrared.angles_rad), np.array(places))
 
     def __len__(self) -> int:
         return len(self.angles_rad)

@@ -36,7 +36,7 @@ import numpy as np
 
 from vsense.base.native import kernel_ffi, kernels
 from vsense.base.xml.element import Element
-from vsense.world.robot_models import EPUCK
+from vsense.world.robot_models import EPUCK, InfraredModel
 from vsense.world.sensors.base import ReadFunction, Readings, Robots, Scope
 from vsense.world.sensors.geometry import (
     NEAREST_M,
@@ -73,7 +73,7 @@ class LightSensor:
 
     Lights farther away than `range_m`, or farther off a sensor's axis than half of
     `field_of_view_rad`, are not sensed. Readings are multiplied by `gain`; `limited` ones end
-    at 1. The formulas are C (`c_src/host/vs_light.c`).
+    at 1; `seat` says where the ring is. The formulas are C (`c_src/host/vs_light.c`).
     """
 
     formula: str
@@ -87,6 +87,7 @@ class LightSensor:
     name: str = "light"
     gain: float = 1.0
     limited: bool = True
+    seat: InfraredModel = EPUCK.infrared
 
     def read(self, world: World, robots: Robots) -> Readings:
         """Reads the ring; see `VirtualSensor.read`."""
@@ -110,8 +111,8 @@ class LightSensor:
             "formula": _KERNELS[self.formula],
             "sensors": len(self.ring),
             "angles_rad": kernel_ffi.from_buffer("double[]", self._looking_rad),
-            "radius_m": EPUCK.infrared.radius_m,
-            "height_m": EPUCK.infrared.height_m,
+            "radius_m": self.seat.radius_m,
+            "height_m": self.seat.height_m,
             "nearest_m": NEAREST_M,
             "range_m": self.range_m,
             "view_rad": self.field_of_view_rad,
@@ -149,12 +150,14 @@ def from_xml(element: Element, scope: Scope) -> LightSensor:
         field_of_view_rad=field_of_view(element),
         angles=angles,
         occlusions=element.boolean("vs:occlusions", True),
+        seat=scope.robots.model.infrared,
     )
 
 
 def from_argos(element: Element, scope: Scope) -> LightSensor:
     """Makes the sensor that one of ARGoS's elements asks for."""
-    ring = Ring.of_argos()
+    seat = scope.robots.model.infrared
+    ring = Ring.of(seat)
     return LightSensor(
         formula="generic" if element.name == "light" else "epuck",
         ring=ring,
@@ -164,4 +167,5 @@ def from_argos(element: Element, scope: Scope) -> LightSensor:
         gain=FULL,
         # Without noise nothing else limits it.
         limited=element.number("noise_level", 0.0, _MAX_NOISE, default=0.0) == 0.0,
+        seat=seat,
     )

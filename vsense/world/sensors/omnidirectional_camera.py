@@ -8,10 +8,11 @@ first: distance along the floor [cm], bearing [rad] counter-clockwise from strai
 green, blue 0..255; places without a blob are all 0. There are as many places as LEDs that may be
 lit, as far as a datagram has room.
 
-The camera is 0.122 m above the floor. It sees the LEDs of other robots (see the LED actuators), of
-boxes and of cylinders that are nearer to it than 0.122 tan(`omnidirectional_camera_aperture` of
-`<e-puck>`, 70 degrees), unless a body is in the way, also that which the LED is on. The second one,
-of any robot, sees a square of that half side. Noise adds to a LED's place on the floor a vector of
+The camera of an e-puck is 0.122 m above the floor, others' are as high as their models say. It sees
+the LEDs of other robots (see the LED actuators), of boxes and of cylinders, and lights, below twice
+its height and nearer to it than 0.122 tan(`omnidirectional_camera_aperture` of the robot, 70
+degrees), unless a body is in the way, also that which the LED is on. The second one, of any robot,
+sees a square of that half side. Noise adds to a LED's place on the floor a vector of
 any direction whose length is Gaussian [m], with the second one a share of its distance.
 
 Source: argos3-epuck 66cb8d9, epuck_omnidirectional_camera_sensor.cpp lines 38-96 and 175-195,
@@ -29,29 +30,15 @@ import numpy as np
 from vsense.base.native import kernel_ffi, kernels, random_in_c
 from vsense.base.xml.element import Element
 from vsense.world.entities import Box, Cylinder
+from vsense.world.robot_models import EPUCK
 from vsense.world.sensors.base import ReadFunction, Readings, Robots, Scope
 from vsense.world.sensors.geometry import read_in_c, without_empty
 from vsense.world.sensors.quality import Floats, Scale
-from vsense.world.world import ROBOT_LEDS, World
+from vsense.world.world import World
 
 ELEMENTS = ()
 ARGOS_ELEMENTS = ("epuck_omnidirectional_camera", "colored_blob_omnidirectional_camera")
 ARGOS_NOISE = ()
-
-CAMERA_HEIGHT_M = 0.122
-"""Source: argos3-epuck, epuck_entity.cpp, OMNIDIRECTIONAL_CAMERA_ELEVATION."""
-
-_RING_M, _RING_HEIGHT_M, _COLORED_HEIGHT_M = 0.036, 0.04, 0.0765
-_RING_RAD = np.pi / 16 + np.pi / 4 * np.arange(8.0)
-LEDS_M = np.array(
-    [
-        *((_RING_M * np.cos(a), _RING_M * np.sin(a), _RING_HEIGHT_M) for a in _RING_RAD),
-        (0.018, 0.0311769, _COLORED_HEIGHT_M),
-        (0.018, -0.0311769, _COLORED_HEIGHT_M),
-        (-_RING_M, 0.0, _COLORED_HEIGHT_M),
-    ]
-)
-"""(ROBOT_LEDS, 3) places of `World.led_colors` in the robot's frame. Source: as above."""
 
 _BYTES = 500
 """Of all places of a reading: so much of a datagram is left beside a robot's other sensors."""
@@ -71,12 +58,14 @@ class OmnidirectionalCamera:
         square: it sees a square of this half side instead.
         noise_std_dev: length of the vector that is added; with `square` as a share of the distance.
         max_blobs: places of its reading.
+        height_m: of the camera.
     """
 
     reach_m: float
     square: bool
     noise_std_dev: float
     max_blobs: int
+    height_m: float = EPUCK.camera.height_m
     name: str = "omnidirectional_camera"
 
     @property
@@ -117,25 +106,27 @@ class _Camera:
         """For so many robots; it holds until an entity changes."""
         is_noisy = sensor.noise_std_dev > 0.0
         still = _still_leds(world)
-        leds = len(still) + ROBOT_LEDS * len(world.robots)
+        leds_m = _lamps(world)
+        leds = len(still) + leds_m[..., 0].size
         # Noise is drawn when all robots have looked. Of the room only what is used is memory.
         room = min(leds * (robots if is_noisy else 1), _MOST_NOTICED)
         seen = np.empty((room, _NOTICED_BYTES), dtype=np.uint8)
         self._arrays: dict[str, Any] = {
             "colors": kernel_ffi.from_buffer("uint8_t[]", world.led_colors),
-            "leds_m": kernel_ffi.new("double[]", LEDS_M.ravel().tolist()),
+            "leds_m": kernel_ffi.from_buffer("double[]", leds_m),
             "random": random_in_c(world.random, is_noisy),
             "lit": kernel_ffi.new(f"struct vs_lit[{leds + 1}]", still),
             "seen": kernel_ffi.from_buffer("struct vs_noticed[]", seen),
             "nearest": kernel_ffi.new("struct vs_noticed[]", sensor.max_blobs),
             "counts": kernel_ffi.new("uint32_t[]", robots + 1),
         }
-        self._owners = world.random, still
+        self._owners = world.random, still, leds_m
         members = {
             "world": world.sightings.cdata,
-            "leds": ROBOT_LEDS,
+            "leds": leds_m.shape[1],
+            "apart_m": 2.0 * float(np.hypot(leds_m[..., 0], leds_m[..., 1]).max(initial=0.0)),
             "still": len(still),
-            "height_m": CAMERA_HEIGHT_M,
+            "height_m": sensor.height_m,
             "reach_m": sensor.reach_m,
             "reach2_m2": sensor.reach_m**2,
             "square": sensor.square,
@@ -146,14 +137,22 @@ class _Camera:
         self.cdata = kernel_ffi.new("struct vs_camera *", {**members, **self._arrays})
 
 
+def _lamps(world: World) -> Floats:
+    """(n, k, 3) where each robot has its LEDs, in its own frame; 0 where it has less than k."""
+    places = np.zeros((*world.led_colors.shape[:2], 3))
+    for row, tag in zip(places, world.robots["tag"].tolist()):
+        lamps_m = world.models.get(tag, EPUCK).lamps_m
+        row[: len(lamps_m)] = lamps_m
+    return places
+
+
 def _still_leds(world: World) -> list[tuple[Any, ...]]:
-    """The lit LEDs of boxes and cylinders as `struct vs_lit`; they keep the colours alive."""
+    """Lit LEDs of boxes and cylinders, and lights, as `struct vs_lit`; they keep colours alive."""
     things: list[Box | Cylinder] = [*world.boxes(), *world.cylinders()]
     shown = [(thing, led) for thing in things for led in thing.leds if any(led.color)]
-    return [
-        (_place(thing, led.offset_m), -1, 1, kernel_ffi.new("uint8_t[]", led.color))
-        for thing, led in shown
-    ]
+    places = [(_place(thing, led.offset_m), led.color) for thing, led in shown]
+    places += [(light.position_m, light.color) for light in world.lights() if any(light.color)]
+    return [(at, -1, 1, kernel_ffi.new("uint8_t[]", color)) for at, color in places]
 
 
 def _place(thing: Box | Cylinder, offset_m: tuple[float, float, float]) -> tuple[float, ...]:
@@ -169,9 +168,11 @@ def from_argos(element: Element, scope: Scope) -> OmnidirectionalCamera:
     places = min(wanted, _BYTES // (4 * _COLUMNS))
     if places < wanted:
         element.warn(f"sees at most the {places} nearest LEDs: a datagram has no room for more")
+    height_m = scope.robots.model.camera.height_m
     return OmnidirectionalCamera(
-        reach_m=float(CAMERA_HEIGHT_M * np.tan(scope.robots.aperture_rad)),
+        reach_m=float(height_m * np.tan(scope.robots.aperture_rad)),
         square=element.name == "colored_blob_omnidirectional_camera",
         noise_std_dev=element.number("noise_std_dev", 0.0, _MAX_NOISE_M, default=0.0),
         max_blobs=places,
+        height_m=height_m,
     )

@@ -20,12 +20,14 @@ Source: epuck_proximity of ARGoS, iridia.md section 3, which holds up to 0.05 m:
 stretches the curve.
 
 ARGoS's `<epuck_proximity>`, mounted where the robots have no ring of their own, gives the same,
-times 4096, in the real robot's order, from ARGoS's places; the foot-bot's is the same here. Of the
+times 4096, in the real robot's order, from ARGoS's places, and so does `<footbot_proximity>`. A
+foot-bot has 24, whose curve is 0.0100527 / (d + 0.000163144), 1 below d = 0.009889556. Of the
 generic `<proximity>`, which ARGoS's own e-puck has, a thing at distance d gives exp(-d), and its
-sensors see 0.1 m far from the body's edge. The other e-puck's stand 1 mm before its body, and
-ARGoS's lines meet only what they enter: a robot that touches another does not see it with the
-sensor nearest to the touch. So do these, since it counts in a swarm: 20 robots that forage in a
-ring of 2.5 m brought home 5 % less without. Source: argos3-epuck 66cb8d9,
+sensors see 0.1 m far from the body's edge. A Pi-Puck's `<pipuck_rangefinders>`, sensor
+"rangefinders", gives the distance [m] itself, and 0.1 where nothing is. The other e-puck's stand
+1 mm before its body, and ARGoS's lines meet only what they enter: a robot that touches another does
+not see it with the sensor nearest to the touch. So do these, since it counts in a swarm: 20 robots
+that forage in a ring of 2.5 m brought home 5 % less without. Source: argos3-epuck 66cb8d9,
 epuck_proximity_default_sensor.cpp lines 143-150; argos3 421bd76, proximity_default_sensor.cpp line
 140, epuck_entity.cpp lines 23-35 and 112-135, Chipmunk's cpShape.c lines 138-159.
 """
@@ -33,7 +35,7 @@ epuck_proximity_default_sensor.cpp lines 143-150; argos3 421bd76, proximity_defa
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -43,25 +45,25 @@ from vsense.base.native import kernel_ffi, kernels
 from vsense.base.xml.element import Element
 from vsense.world.entities import Box, Cylinder
 from vsense.world.rays import Bodies, disc_rows, entity_rows
-from vsense.world.robot_models import EPUCK
+from vsense.world.robot_models import CURVES, EPUCK, InfraredModel
 from vsense.world.sensors.base import ReadFunction, Readings, Robots, Scope
 from vsense.world.sensors.geometry import Ring, read_in_c
 from vsense.world.sensors.quality import Scale
 from vsense.world.world import World
 
 ELEMENTS = ("virtual_proximity_sensor",)
-ARGOS_ELEMENTS = ("epuck_proximity", "footbot_proximity", "proximity")
+_RANGEFINDERS = "pipuck_rangefinders"
+ARGOS_ELEMENTS = ("epuck_proximity", "footbot_proximity", "proximity", _RANGEFINDERS)
 ARGOS_NOISE = ("noise_level",)
 
 MAX_RAW = 4095.0
 """The converter's largest value. Source: epuck.md section 6."""
 
-RANGE_M = 0.05
-"""How far the formula holds. Source: iridia.md section 3."""
+RANGE_M = EPUCK.infrared.range_m
+"""How far the formula holds."""
 
 ARGOS_FULL = 4096.0
 """What ARGoS calls 1, in the unit of the robot's own ring. Source: controller.h"""
-_GENERIC_RANGE_M, _GENERIC_RADIUS_M, _GENERIC_HEIGHT_M = 0.1, 0.035, 0.06
 
 _RAYS = 7
 _CONE_DEG = 60.0
@@ -75,9 +77,9 @@ class ProximitySensor:
     """Senses what is near; see the module.
 
     With `virtual_only` physical things are left to the real ring. With a `field_of_view_rad` of 0
-    each sensor looks along one line. The largest reading is `full`; the `generic` curve is that of
-    ARGoS for any robot, and the place of the ring that of its own e-puck. With `blind_within` a
-    sensor does not see the body that it lies within.
+    each sensor looks along one line. The largest reading is `full`; `curve` is one of CURVES, and
+    `seat` says where the ring is. With `blind_within` a sensor does not see the body that it lies
+    within.
     """
 
     ring: Ring
@@ -87,8 +89,14 @@ class ProximitySensor:
     range_m: float = RANGE_M
     field_of_view_rad: float = 0.0
     full: float = MAX_RAW
-    generic: bool = False
+    curve: str = CURVES[0]
     blind_within: bool = False
+    seat: InfraredModel = EPUCK.infrared
+
+    @property
+    def count(self) -> int:
+        """Of sensors."""
+        return len(self.seat.lines_m) or len(self.ring)
 
     @property
     def scale(self) -> Scale:
@@ -97,7 +105,7 @@ class ProximitySensor:
 
     def read(self, world: World, robots: Robots) -> Readings:
         """Reads the ring; see `VirtualSensor.read`."""
-        return read_in_c(self.kernel(world, robots), world, robots, len(self.ring))
+        return read_in_c(self.kernel(world, robots), world, robots, self.count)
 
     def kernel(self, world: World, robots: Robots) -> ReadFunction:
         """See `vsense/world/sensors/base.py`."""
@@ -117,17 +125,20 @@ class _ProximityRing:
         places_rad, fan_rad = (
             kernel_ffi.from_buffer("double[]", array) for array in self._arrays[1:]
         )
+        lines = np.array(sensor.seat.lines_m).ravel()
+        self._lines = kernel_ffi.from_buffer("double[]", lines) if len(lines) else kernel_ffi.NULL
         members = {
-            "sensors": len(sensor.ring),
+            "sensors": sensor.count,
             "rays": len(fan),
             "places_rad": places_rad,
             "fan_rad": fan_rad,
-            "radius_m": _GENERIC_RADIUS_M if sensor.generic else EPUCK.infrared.radius_m,
-            "height_m": _GENERIC_HEIGHT_M if sensor.generic else EPUCK.infrared.height_m,
+            "lines_m": self._lines,
+            "radius_m": sensor.seat.radius_m,
+            "height_m": sensor.seat.height_m,
             "range_m": sensor.range_m,
             "share": RANGE_M / sensor.range_m,
             "full": sensor.full,
-            "generic": sensor.generic,
+            "curve": CURVES.index(sensor.curve),
             "blind_within": sensor.blind_within,
             "bodies": kernel_ffi.NULL if bodies is None else bodies.cdata,
         }
@@ -159,20 +170,23 @@ def from_xml(element: Element, scope: Scope) -> ProximitySensor:
         virtual_only=obstacles == "virtual",
         range_m=element.number("vs:range", 0.001, _MAX_RANGE_M, "m", RANGE_M),
         field_of_view_rad=element.angle("vs:field_of_view", 0.0, 180.0, _CONE_DEG if fuse else 0.0),
+        seat=replace(scope.robots.model.infrared, lines_m=()),
     )
 
 
 def from_argos(element: Element, scope: Scope) -> ProximitySensor:
     """Makes the sensor that one of ARGoS's elements asks for."""
-    ring, generic = Ring.of_argos(), element.name == "proximity"
+    model, far = scope.robots.model, element.name == _RANGEFINDERS
+    seat = model.generic if element.name == "proximity" else model.infrared
+    ring = Ring.of(seat)
     return ProximitySensor(
-        # ARGoS's own e-puck, which has the generic one, has its sensors where it says.
-        ring=Ring(ring.angles_rad, ring.angles_rad) if generic else ring,
-        name="proximity",
-        layout=f"{len(ring)}*f4",
+        ring=ring,
+        name="rangefinders" if far else "proximity",
+        layout=f"{len(seat.lines_m) or len(ring)}*f4",
         virtual_only=False,
-        range_m=_GENERIC_RANGE_M if generic else RANGE_M,
-        full=ARGOS_FULL,
-        generic=generic,
+        range_m=seat.range_m,
+        full=1.0 if far else ARGOS_FULL,
+        curve=seat.curve,
         blind_within=True,
+        seat=seat,
     )

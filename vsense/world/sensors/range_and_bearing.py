@@ -44,10 +44,6 @@ ELEMENTS = ("virtual_range_and_bearing_sensor",)
 ARGOS_ELEMENTS = ("epuck_range_and_bearing", "range_and_bearing")
 ARGOS_NOISE = ()
 
-_RANGE_M = 0.8
-_HEIGHT_M = float(np.float32(0.052))
-"""Of the line of sight. Source: argos3-epuck, RAB_ELEVATION, which is a single there: it just
-clears a box of 0.052 m."""
 _MAX_MESSAGES = 32
 _ARGOS_BYTES = 480
 """Of all places of a reading: so much of a datagram is left beside a robot's other sensors."""
@@ -73,7 +69,8 @@ class ArgosNoise:
 
 @dataclass(frozen=True, slots=True)
 class RangeAndBearingSensor:
-    """Receives the messages of the robots around; see the module."""
+    """Receives the messages of the robots around; see the module. Twice `body_m` is no part of a
+    range."""
 
     reach: Reach
     layout: str
@@ -84,6 +81,7 @@ class RangeAndBearingSensor:
     speaking_only: bool
     name: str = "range_and_bearing"
     noise: ArgosNoise | None = None
+    body_m: float = EPUCK.radius_m
 
     def read(self, world: World, robots: Robots) -> Readings:
         """Reads the messages; see `VirtualSensor.read`."""
@@ -130,7 +128,7 @@ class _Hearing:
             "most": sensor.max_messages,
             "size": sensor.data_size,
             "loss": sensor.loss_probability,
-            "body_m": EPUCK.radius_m,
+            "body_m": sensor.body_m,
             "shuffled": sensor.noise is not None,
             "noise_m": noise.std_dev_m,
             "real_range": noise.real_range,
@@ -142,20 +140,22 @@ def from_xml(element: Element, scope: Scope) -> RangeAndBearingSensor:
     """Makes the sensor from its element."""
     size = element.integer("data_size", 1, MESSAGE_MAX, 4)
     places = element.integer("vs:max_messages", 1, _MAX_MESSAGES, 5)
+    model = scope.robots.model
     return RangeAndBearingSensor(
-        reach=Reach.from_xml(element, "range", _RANGE_M, _HEIGHT_M),
+        reach=Reach.from_xml(element, "range", model.radio.range_m, model.radio.height_m),
         layout=_layout(places, size),
         scale=_scale(places, size),
         data_size=size,
         max_messages=places,
         loss_probability=element.number("loss_probability", 0.0, 1.0, default=0.0),
         speaking_only=element.choice("vs:hear", ("all", "speaking"), "all") == "speaking",
+        body_m=model.radius_m,
     )
 
 
 def from_argos(element: Element, scope: Scope) -> RangeAndBearingSensor:
     """Makes the sensor that one of ARGoS's elements asks for."""
-    any_robot = element.name == "range_and_bearing"
+    any_robot, model = element.name == "range_and_bearing", scope.robots.model
     if any_robot:
         size, wanted = scope.robots.message_bytes, scope.most
         loss = element.number("packet_drop_prob", 0.0, 1.0, default=0.0)
@@ -170,7 +170,7 @@ def from_argos(element: Element, scope: Scope) -> RangeAndBearingSensor:
     noise_m = element.number("noise_std_dev", 0.0, _MAX_NOISE_M, "m", 0.0)
     real_range = not any_robot and element.boolean("real_range_noise", False)
     return RangeAndBearingSensor(
-        reach=Reach.from_xml(element, "vs:range", _RANGE_M, _HEIGHT_M),
+        reach=Reach.from_xml(element, "vs:range", model.radio.range_m, model.radio.height_m),
         layout=_layout(places, size),
         scale=_scale(places, size),
         data_size=size,
@@ -178,6 +178,7 @@ def from_argos(element: Element, scope: Scope) -> RangeAndBearingSensor:
         loss_probability=loss,
         speaking_only=not any_robot,
         noise=ArgosNoise(noise_m, real_range),
+        body_m=model.radius_m,
     )
 
 

@@ -60,6 +60,7 @@ void CReadings::ControlStep()
         THROW_ARGOSEXCEPTION("told to fail in step " << m_nFailing);
     Sense();
     SenseAny();
+    SensePiPuck();
     SenseVirtual();
     Act();
 }
@@ -118,6 +119,12 @@ void CReadings::SenseAny()
     if (auto *pc = Sensor<CCI_FootBotMotorGroundSensor>("footbot_motor_ground"))
         for (const auto &reading : pc->GetReadings())
             Write("footbot_motor_ground", std::vector<Real>{reading.Value, reading.Offset.GetX()});
+    if (auto *pc = Sensor<CCI_FootBotBaseGroundSensor>("footbot_base_ground"))
+        for (const auto &reading : pc->GetReadings())
+            Write("footbot_base_ground", std::vector<Real>{reading.Value, reading.Offset.GetX()});
+    if (auto *pc = Sensor<CCI_FootBotEncoderSensor>("footbot_encoder"))
+        Write("footbot_encoder", std::vector<Real>{pc->GetReading().CoveredDistanceLeftWheel,
+                                                   pc->GetReading().WheelAxisLength});
     if (auto *pc = Sensor<CCI_RangeAndBearingSensor>("range_and_bearing"))
         for (const auto &packet : pc->GetReadings())
             Write("range_and_bearing",
@@ -133,6 +140,30 @@ void CReadings::SenseAny()
         pc->GetReading().Orientation.ToEulerAngles(cZ, cY, cX);
         Write("positioning", std::vector<Real>{pc->GetReading().Position.GetX(),
                                                pc->GetReading().Position.GetY(), cZ.GetValue()});
+    }
+}
+
+void CReadings::SensePiPuck()
+{
+    if (auto *pc = Sensor<CCI_PiPuckRangefindersSensor>("pipuck_rangefinders"))
+        pc->Visit([this](const CCI_PiPuckRangefindersSensor::SInterface &s) {
+            CVector3 cAhead = CVector3::Z * std::get<Real>(s.Configuration);
+            cAhead.Rotate(std::get<CQuaternion>(s.Configuration));
+            Write("pipuck_rangefinders", std::vector<Real>{Real(s.Label), s.Proximity,
+                                                           cAhead.GetX(), cAhead.GetY()});
+        });
+    if (auto *pc = Sensor<CCI_PiPuckGroundSensor>("pipuck_ground"))
+        pc->Visit([this](const CCI_PiPuckGroundSensor::SInterface &s) {
+            Write("pipuck_ground", std::vector<Real>{Real(s.Label), s.Reflected});
+        });
+    if (auto *pc = Sensor<CCI_PiPuckDifferentialDriveSensor>("pipuck_differential_drive"))
+        Write("pipuck_differential_drive",
+              std::vector<Real>{pc->GetLeftVelocity(), pc->GetRightVelocity()});
+    if (auto *pc = Actuator<CCI_PiPuckDifferentialDriveActuator>("pipuck_differential_drive"))
+        pc->SetLinearVelocity(0.05, -0.025);
+    if (auto *pc = Actuator<CCI_PiPuckLEDsActuator>("pipuck_leds")) {
+        pc->SetRingLEDIndex(1, true);
+        pc->SetBodyLED(true);
     }
 }
 

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: MIT */
-/* Every device of an e-puck in a controller for ARGoS: what it reads goes into a file. */
+/* Every device of an e-puck, a foot-bot and a Pi-Puck in a controller for ARGoS: what it reads goes into a file. */
 #ifndef READINGS_H
 #define READINGS_H
 
@@ -17,6 +17,8 @@
 #include <argos3/plugins/robots/e-puck/control_interface/ci_epuck_range_and_bearing_sensor.h>
 #include <argos3/plugins/robots/e-puck/control_interface/ci_epuck_rgb_leds_actuator.h>
 #include <argos3/plugins/robots/e-puck/control_interface/ci_epuck_wheels_actuator.h>
+#include <argos3/plugins/robots/foot-bot/control_interface/ci_footbot_base_ground_sensor.h>
+#include <argos3/plugins/robots/foot-bot/control_interface/ci_footbot_encoder_sensor.h>
 #include <argos3/plugins/robots/foot-bot/control_interface/ci_footbot_light_sensor.h>
 #include <argos3/plugins/robots/foot-bot/control_interface/ci_footbot_motor_ground_sensor.h>
 #include <argos3/plugins/robots/foot-bot/control_interface/ci_footbot_proximity_sensor.h>
@@ -37,6 +39,11 @@
 #include <argos3/plugins/robots/generic/control_interface/ci_virtual_pollutant_sensor.h>
 #include <argos3/plugins/robots/generic/control_interface/ci_virtual_radiation_sensor.h>
 #include <argos3/plugins/robots/generic/control_interface/ci_virtual_rgb_ground_sensor.h>
+#include <argos3/plugins/robots/pi-puck/control_interface/ci_pipuck_differential_drive_actuator.h>
+#include <argos3/plugins/robots/pi-puck/control_interface/ci_pipuck_differential_drive_sensor.h>
+#include <argos3/plugins/robots/pi-puck/control_interface/ci_pipuck_ground_sensor.h>
+#include <argos3/plugins/robots/pi-puck/control_interface/ci_pipuck_leds_actuator.h>
+#include <argos3/plugins/robots/pi-puck/control_interface/ci_pipuck_rangefinders_sensor.h>
 
 using namespace argos;
 
@@ -63,6 +70,7 @@ protected:
 private:
     void Sense();
     void SenseAny();
+    void SensePiPuck();
     void SenseVirtual();
     void Act();
 
