@@ -142,7 +142,7 @@ static void send_order(struct vs_base *base, const struct vs_base_command *comma
     uint8_t buf[VS_DRIVER_ORDER_LEN];
     int lasts_ms = vs_posix_timeout_ms(vs_posix_recent_ns(), base->until_ns);
 
-    if (driver->sent_ns != 0 && driver->order_ns == 0 && !rests)
+    if (driver->order_ns == 0 && !rests)
         return;
     order.until_ns = order.sent_ns + (rests ? 0 : (uint64_t)lasts_ms * 1000000u);
     order.left_um_s = um_s(command->left_steps_s, e->body.step_nm);
@@ -165,10 +165,13 @@ static void count(struct exec *e, const struct vs_driver_report *report,
     int i;
 
     for (i = 0; i < 2; i++) {
-        if (driver->counting)
-            driver->ways_um[i] += report->way_um[i] - driver->way_um[i];
+        int64_t way_um = driver->counting ? report->way_um[i] - driver->way_um[i] : 0;
+        int64_t way_nm = way_um * NM_PER_UM + driver->rest_nm[i];
+
+        driver->steps[i] += (uint32_t)(way_nm / e->body.step_nm);
+        driver->rest_nm[i] = (int32_t)(way_nm % e->body.step_nm);
         driver->way_um[i] = report->way_um[i];
-        reading->steps[i] = (int32_t)(driver->ways_um[i] * NM_PER_UM / e->body.step_nm);
+        reading->steps[i] = (int32_t)driver->steps[i];
     }
     driver->counting = 1;
     reading->has_steps = 1;

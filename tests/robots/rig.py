@@ -36,6 +36,7 @@ from vsense.robots.link.wire import (
     encode,
     packet_length,
 )
+from vsense.world.robot_models import model_of
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -317,7 +318,8 @@ class Rig:
         self._more = more
         self._options = options
         self.host = Host()
-        self.base = Microcontrollers([kind], watchdog)
+        models = [model_of("thymio2")] if kind == "thymio" else []
+        self.base = Microcontrollers([kind], watchdog, models=models)
         self.applied: list[Actuation] = []
         self.held_up_ns = 0
         self.plugged = True

@@ -35,6 +35,7 @@ class Casting:
         replaced: who plays in whose place.
         types: the kind of base of each robot that has one in the roster, such as "argos", or its
             driver, such as "thymio".
+        here: tags of those that have no board, which the machine of a run drives.
     """
 
     roster: str = ""
@@ -43,6 +44,7 @@ class Casting:
     limit: int | None = None
     replaced: tuple[Pair, ...] = ()
     types: tuple[tuple[int, str], ...] = ()
+    here: tuple[int, ...] = ()
 
     @classmethod
     def of(
@@ -54,7 +56,8 @@ class Casting:
         free = tuple(robot.tag for robot in roster.robots if robot.is_ready)
         others = tuple((r.tag, r.why_not) for r in roster.robots if not r.is_ready)
         types = tuple((r.tag, _type_of(r.base)) for r in roster.robots if r.base)
-        return cls(str(roster.path), free, others, limit, tuple(replaced), types)
+        here = tuple(robot.tag for robot in roster.robots if robot.is_driven_here)
+        return cls(str(roster.path), free, others, limit, tuple(replaced), types, here)
 
     @classmethod
     def read(cls, data: Mapping[str, Any]) -> Casting:
@@ -62,7 +65,8 @@ class Casting:
         names = ("others", "replaced", "types")
         pairs = {name: tuple(map(tuple, data.get(name, ()))) for name in names}
         free, limit = tuple(data.get("free", ())), data.get("limit")
-        return cls(str(data.get("roster", "")), free, limit=limit, **pairs)
+        here = tuple(data.get("here", ()))
+        return cls(str(data.get("roster", "")), free, limit=limit, here=here, **pairs)
 
     def check(self, what: str, pair: Pair, playing: Iterable[int], worn: Collection[int]) -> None:
         """Refuses a robot that cannot play another's part.

@@ -185,6 +185,7 @@ def experiment(facts: ExperimentFacts, environment: Environment) -> Data:
             _body(robot)
             | {"height_m": spec.marker_height_m(robot.tag), "model": robot.model.name}
             | {name: getattr(robot.model, name) for name in WHEELS}
+            | _driven(facts, spec, robot.tag)
             for robot in spec.robots
         ],
         objects=[_body(thing) for thing in spec.objects],
@@ -198,6 +199,11 @@ def experiment(facts: ExperimentFacts, environment: Environment) -> Data:
 
 def _body(body: RobotSpec | ObjectSpec) -> Data:
     return {"tag": body.tag, "name": body.id, "radius_m": body.model.radius_m}
+
+
+def _driven(facts: ExperimentFacts, spec: Experiment, tag: int) -> Data:
+    """That a robot has no board, where that decides what stops it."""
+    return {"driven_here": True} if facts.command == "run" and tag in spec.casting.here else {}
 
 
 def _fence(facts: ExperimentFacts, spec: Experiment) -> Data:
