@@ -444,7 +444,7 @@ def test_functions_fit_a_screen() -> None:
 
 BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
-    "vsense in Python": (("vsense",), (".py",), 523, 107300, 400),
+    "vsense in Python": (("vsense",), (".py",), 523, 107300, 416),
     "the page": (("vsense",), (".js", ".css", ".html"), 46, 6000, 300),
     "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 295, 32400, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 38, 7700, 512),

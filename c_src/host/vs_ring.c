@@ -3,6 +3,7 @@
 
 #include <math.h>
 #include <stddef.h>
+#include <string.h>
 
 #include "vs_math.h"
 
@@ -177,6 +178,22 @@ static void read_ring(const struct vs_rings *rings, uint32_t robot, const double
     }
 }
 
+/* Each of an e-puck's sensors reads what the nearest of those reads that stand in for it. */
+static void stand_in(const struct vs_ring *ring, int16_t *raw)
+{
+    int16_t own[VS_RING_SENSORS];
+    uint32_t i;
+    uint32_t s;
+
+    memcpy(own, raw, sizeof own);
+    for (i = 0; i < VS_RING_SENSORS; i++) {
+        raw[i] = 0;
+        for (s = 0; s < ring->sensors; s++)
+            if ((ring->stand_in[i] >> s & 1u) != 0 && own[s] > raw[i])
+                raw[i] = own[s];
+    }
+}
+
 void vs_rings_read(const struct vs_rings *rings, const double *poses, const double *noise)
 {
     uint32_t robot;
@@ -184,4 +201,7 @@ void vs_rings_read(const struct vs_rings *rings, const double *poses, const doub
     vs_rings_distances(rings, poses);
     for (robot = 0; robot < rings->near->robots; robot++)
         read_ring(rings, robot, noise);
+    for (robot = 0; robot < rings->near->robots; robot++)
+        if (rings->rings[robot]->stand_in != NULL)
+            stand_in(rings->rings[robot], rings->raw + robot * VS_RING_SENSORS);
 }

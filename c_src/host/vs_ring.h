@@ -24,6 +24,8 @@ struct vs_ring {
     uint32_t points;          /* of the table, 2..VS_RING_TABLE_MAX */
     const double *table_m;    /* [points] distances, rising */
     const double *table_raw;  /* [points] readings there; the last is also that of nothing */
+    const uint8_t *stand_in;  /* [VS_RING_SENSORS] for each sensor of an e-puck, bits of those that
+                                 stand in for it, 0: it sees nothing; NULL: they come as they are */
 };
 
 /*

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,8 @@ import pytest
 from vsense.base.errors import ConfigError, UsageError
 from vsense.config.experiment import SHIPPED_FOLDER, load
 from vsense.world.entities import WorldError
+from vsense.world.physics.motion import Physics
+from vsense.world.physics.proximity_ring import ProximityRing
 from vsense.world.robot_models import EPUCK, MODELS_FOLDER, model_of, models_in, shipped_models
 
 THYMIO = (MODELS_FOLDER / "thymio2.toml").read_text()
@@ -36,6 +39,9 @@ def line_of(text: str, part: str) -> int:
         ("3705.1,", "4100.0,", "table_raw", "a number from 0 to 4095"),
         ("3366.0,", "3800.0,", "table_raw", "expected readings that fall"),
         ("headings_deg = [40.0, ", "headings_deg = [", "headings_deg", "6 numbers, expected 7"),
+        ("[[2, 3], ", "[[2, 7], ", "stands_for", "numbers of sensors, 0 to 6"),
+        ("[[2, 3], ", "[", "stands_for", "8 lists of sensors, for ps0 to ps7"),
+        ("[[2, 3], ", "[2, ", "stands_for", "lists of sensors, as [[2, 3], [], ...]"),
     ],
 )
 def test_what_no_robot_is_like_is_refused(
@@ -88,6 +94,29 @@ def test_rings_that_a_file_does_not_say_sit_outside_of_its_body() -> None:
     assert thymio.infrared.radius_m - thymio.radius_m == pytest.approx(0.001)
     assert thymio.infrared.angles_rad == EPUCK.infrared.angles_rad
     assert epuck2.infrared == EPUCK.infrared and epuck2.generic == EPUCK.generic
+
+
+def test_an_own_model_comes_before_a_shipped_one(tmp_path: Path) -> None:
+    text = (MODELS_FOLDER / "epuck.toml").read_text()
+    (tmp_path / "epuck.toml").write_text(text.replace("radius_m = 0.035", "radius_m = 0.04"))
+    assert model_of("epuck", tmp_path).radius_m == 0.04 and model_of("epuck") == EPUCK
+    assert model_of("epuck2").step_m == pytest.approx(125_664e-9, rel=1e-5)
+
+
+def test_a_thymio_avoids_what_is_ahead_of_it_with_a_controller_for_e_pucks() -> None:
+    """As its driver has it, controllers find the sensors where an e-puck's look the same way."""
+    model = model_of("thymio2")
+    mapped = [[model.ring.headings_deg[s] for s in part] for part in model.ring.stands_for]
+    assert mapped == [[0, -20], [-40], [], [180], [180], [], [40], [20, 0]]
+    physics = Physics([[0, 0, 0], [0.13, 0.05, 0]], [], [], 0, models=[model, EPUCK])
+    raw = ProximityRing(physics.near, 1, models=physics.models).read(physics.bodies)[0]
+    assert raw[7] > raw[0] > 0 and raw[6] > raw[1] and not raw[[2, 5]].any()
+    own = replace(model, ring=replace(model.ring, stands_for=()))
+    seven = ProximityRing(physics.near, 1, models=[own, EPUCK]).read(physics.bodies)[0]
+    assert seven[7] == 0
+    assert raw.tolist() == [
+        max((int(seven[s]) for s in p), default=0) for p in model.ring.stands_for
+    ]
 
 
 def test_bodies_of_very_different_masses_are_refused(tmp_path: Path) -> None:

@@ -12,7 +12,8 @@ straight ahead.
         (default): at once
     [ring] its own proximity sensors, up to 8, in the order in which controllers get them: places_m,
         headings_deg, half_cone_deg, table_m and table_raw (readings of a surface ahead; the last is
-        that of nothing), noise_raw
+        that of nothing), noise_raw; stands_for, where the ring is not an e-puck's: for ps0 to ps7
+        the sensors (from 0) of which controllers get the greatest reading there, [] none
     [ground] places_m of its ground sensors
     [leds] ring_m: places of bits 0 to 7; front_m: of bit 9
 
@@ -71,6 +72,7 @@ class RingModel:
     table_m: tuple[float, ...] = (0.0,)
     table_raw: tuple[float, ...] = (0.0,)
     noise_raw: float = 0.0
+    stands_for: tuple[tuple[int, ...], ...] = ()
 
     @property
     def headings_rad(self) -> NDArray[np.float64]:
@@ -231,6 +233,16 @@ def _numbers(least: float, most: float, sizes: Sequence[int]) -> Reader:
     return read
 
 
+def _places_of_sensors(value: Any) -> tuple[tuple[int, ...], ...]:
+    """Reads for each of an e-puck's sensors which ones stand in for it."""
+    number = integer(0, RING_SENSORS - 1)
+    if not isinstance(value, list) or len(value) != RING_SENSORS:
+        raise ValueError(f"{RING_SENSORS} lists of sensors, for ps0 to ps7")
+    if not all(isinstance(part, list) for part in value):
+        raise ValueError("lists of sensors, as [[2, 3], [], ...]")
+    return tuple(tuple(number(sensor) for sensor in part) for part in value)
+
+
 def _points(sizes: Sequence[int], axes: str = "x, y") -> Reader:
     """Reads a list of places."""
     point = _numbers(-_MOST_M, _MOST_M, (axes.count(",") + 1,))
@@ -282,6 +294,7 @@ _SCHEMA: Mapping[str, Mapping[str, Reader]] = {
         "table_m": _numbers(0.0, _MOST_M, _TABLE),
         "table_raw": _numbers(*_RAW, _TABLE),
         "noise_raw": real(*_RAW),
+        "stands_for": _places_of_sensors,
     },
     "leds": {"ring_m": _points(_SENSORS), "front_m": _numbers(-_MOST_M, _MOST_M, (2,))},
     "ground": {"places_m": _points(_MANY)},
@@ -294,7 +307,7 @@ _SCHEMA: Mapping[str, Mapping[str, Reader]] = {
 }
 _WHERE = ("angles_rad", "places_rad", "lines_m")
 _OPTIONAL = {
-    "body": ("nose_m",), "wheels": ("timer_hz", "acceleration_m_s2"),
+    "body": ("nose_m",), "ring": ("stands_for",), "wheels": ("timer_hz", "acceleration_m_s2"),
     "infrared": _WHERE, "generic": _WHERE,
 }  # fmt: skip
 """What tables may lack; only those of `_NEEDED` must be there."""
@@ -384,6 +397,10 @@ def _check_ring(file: TomlFile, ring: Mapping[str, Any], radius_m: float) -> Non
         if len(ring[one]) != len(ring[other]):
             words = f"has {len(ring[other])} numbers, expected {len(ring[one])} as {one}"
             raise file.error(f"{other} {words}", "ring", other)
+    there = range(len(ring["places_m"]))
+    if any(sensor not in there for part in ring.get("stands_for", ()) for sensor in part):
+        words = f"stands_for: expected numbers of sensors, 0 to {there[-1]}"
+        raise file.error(words, "ring", "stands_for")
     distances = ring["table_m"]
     if distances[0] != 0.0 or any(b <= a for a, b in pairwise(distances)):
         raise file.error("table_m: expected rising distances from 0", "ring", "table_m")

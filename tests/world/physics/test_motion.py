@@ -11,11 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vsense.base.errors import ConfigError
-from vsense.world.entities import WorldError
 from vsense.world.physics.motion import NoisyWheels, Physics, WheelNoise
 from vsense.world.physics.proximity_ring import ProximityRing
-from vsense.world.robot_models import EPUCK, MODELS_FOLDER, RingModel, RobotModel, model_of
+from vsense.world.robot_models import EPUCK, RingModel, RobotModel
 from vsense.world.sensors.quality import generator
 
 TICK_NS = 10_000_000
@@ -373,34 +371,3 @@ def test_a_large_robot_is_felt_where_its_rim_is() -> None:
 def heavy(**changes: float) -> RobotModel:
     """An e-puck that is somewhat different, without its motors' timer."""
     return replace(EPUCK, timer_hz=0, **changes)
-
-
-GOOD = (MODELS_FOLDER / "epuck.toml").read_text()
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "at", "words"),
-    [
-        ("radius_m = 0.035", "radius_m = -1", "radius_m", "a number from 0.001 to 5 m; got -1"),
-        ("radius_m = 0.035\n", "", "[body]", r"\[body\] lacks radius_m"),
-        ("mass_kg", "weight", "weight", "'weight' is not known"),
-        ("[0.022, 0.025], [0.030, 0.010]", "[0.03, 0.01]", "headings_deg", "expected 7 as places"),
-        ("0.005, 0.01,", "0.01, 0.01,", "table_m", "table_m: expected rising distances"),
-        ("headings_deg = [-17.2,", 'headings_deg = ["a",', "headings_deg", "a number"),
-    ],
-)
-def test_a_wrong_model_is_told_with_its_line(tmp_path, old, new, at, words) -> None:
-    path, text = tmp_path / "mine.toml", GOOD.replace(old, new, 1)
-    path.write_text(text)
-    line = next(n for n, row in enumerate(text.splitlines(), 1) if row.startswith(at))
-    with pytest.raises(ConfigError, match=words) as error:
-        model_of("mine", tmp_path)
-    assert text != GOOD and (error.value.file, error.value.line) == (str(path), line)
-
-
-def test_an_own_model_comes_before_a_shipped_one(tmp_path) -> None:
-    (tmp_path / "epuck.toml").write_text(GOOD.replace("0.035", "0.04"))
-    assert model_of("epuck", tmp_path).radius_m == 0.04 and model_of("epuck") == EPUCK
-    assert model_of("epuck2").step_m == pytest.approx(125_664e-9, rel=1e-5)
-    with pytest.raises(WorldError, match="epuck"):
-        model_of("epuk", tmp_path)

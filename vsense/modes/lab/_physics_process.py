@@ -41,7 +41,7 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -86,7 +86,12 @@ class PhysicsProcess:
         sensors = spec.sensors or [NOMINAL_SENSORS] * len(spec.robots)
         built = [np.array([getattr(s, n) for s in sensors]) for n in ("gains", "biases")]
         gains, biases = built if spec.sensors else (None, np.zeros((0, RING_SENSORS)))
-        self._rings = ProximityRing(self._physics.near, spec.seed, gains, biases, models)
+        # A Thymio's driver is what puts its sensors in the places of an e-puck's.
+        seen = [
+            replace(model, ring=replace(model.ring, stands_for=())) if kind == "thymio" else model
+            for kind, model in zip(kinds, models, strict=True)
+        ]
+        self._rings = ProximityRing(self._physics.near, spec.seed, gains, biases, seen)
         self._ground = RealGround(spec.black, sensors, spec.seed) if spec.black else None
         self._wheels = NoisyWheels(spec.wheels, spec.seed, models)
         self._leds = np.zeros(len(self._physics.poses), dtype=np.uint16)

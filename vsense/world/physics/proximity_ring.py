@@ -48,6 +48,10 @@ def _ring(model: RingModel) -> tuple[Any, list[Floats]]:
     names = "from_x_m from_y_m ray_x ray_y response table_m table_raw"
     for name, array in zip(names.split(), arrays):
         setattr(ring, name, pointer("double", array))
+    if model.stands_for:
+        bits = [sum(1 << sensor for sensor in sensors) for sensors in model.stands_for]
+        arrays.append(np.array(bits, dtype=np.uint8))
+        ring.stand_in = pointer("uint8_t", arrays[-1])
     return ring, arrays
 
 
