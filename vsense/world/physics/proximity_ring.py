@@ -51,7 +51,7 @@ def _ring(model: RingModel) -> tuple[Any, list[Floats]]:
     if model.stands_for:
         bits = [sum(1 << sensor for sensor in sensors) for sensors in model.stands_for]
         arrays.append(np.array(bits, dtype=np.uint8))
-        ring.stand_in = pointer("uint8_t", arrays[-1])
+        setattr(ring, "stand_in", pointer("uint8_t", arrays[-1]))  # noqa: B010
     return ring, arrays
 
 

@@ -43,9 +43,10 @@ from numpy.typing import NDArray
 
 from vsense.base.native import kernel_ffi, kernels
 from vsense.base.xml.element import Element
+from vsense.world._model_file import CURVES
 from vsense.world.entities import Box, Cylinder
 from vsense.world.rays import Bodies, disc_rows, entity_rows
-from vsense.world.robot_models import CURVES, EPUCK, InfraredModel
+from vsense.world.robot_models import EPUCK, InfraredModel
 from vsense.world.sensors.base import ReadFunction, Readings, Robots, Scope
 from vsense.world.sensors.geometry import Ring, read_in_c
 from vsense.world.sensors.quality import Scale
