@@ -117,6 +117,7 @@ NATIVE = Library(
         "firmware_bridge/fw_gctronic.h",
         "firmware_bridge/fw_york.h",
         "firmware_bridge/fw_wifi.h",
+        "firmware_bridge/fw_wheels.h",
         "firmware_bridge/fw_boards.h",
         "firmware_bridge/fw_imu.h",
         "robot/inprocess.h",

@@ -19,6 +19,7 @@
 #define CONNECT_NS UINT64_C(3000000000) /* [ns] a robot answers within this or is not there */
 #define SILENT_NS 1000000000u   /* [ns] without a packet */
 #define AGAIN_NS 500000000u     /* [ns] from a connection that failed to the next */
+#define READS_MAX 64            /* at once, of 512 bytes */
 #define ADDRESS_MAX 15          /* [byte] 255.255.255.255 */
 
 enum { CLOSED = 0, CONNECTING, OPEN, RING_RED = 0xAA /* LEDs of the ring that are coloured */ };
@@ -106,16 +107,19 @@ static int take(struct wifi *w, uint8_t byte)
     return 1;
 }
 
-/* Waits for bytes and takes all. VS_OK: *sensors is new, VS_ERR_BUSY: nothing was complete, or the
- * connection is lost. */
+/* Waits for bytes and takes those that are there, of a robot that never ends some. VS_OK: *sensors
+ * is new, VS_ERR_BUSY: nothing was complete, or the connection is lost. */
 static int hear(struct vs_base *base, struct epuck_wifi_sensors *sensors, uint64_t deadline_ns)
 {
     struct wifi *w = of(base);
     uint8_t bytes[512];
     int heard = VS_ERR_BUSY;
-    int len, i;
+    int reads = 0;
+    int len = 0;
+    int i;
 
-    while ((len = base->io.read(base->io.context, bytes, sizeof bytes, deadline_ns)) > 0) {
+    while (reads++ < READS_MAX &&
+           (len = base->io.read(base->io.context, bytes, sizeof bytes, deadline_ns)) > 0) {
         deadline_ns = 0;
         for (i = 0; i < len; i++) {
             int complete = take(w, bytes[i]);

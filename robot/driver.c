@@ -87,6 +87,8 @@ static int take(struct vs_base *base, struct vs_driver_report *report)
     if (err != VS_OK || report->order_ns > driver->sent_ns ||
         report->measured_ns > vs_driver_clock_ns())
         return fail(base, VS_ERR_GARBLED, "the driver writes what is no report: does it print?");
+    if (driver->order_ns == 0) /* it may have a queue of them to go through */
+        driver->asked_ns = vs_driver_clock_ns();
     driver->order_ns = report->order_ns;
     if (driver->order_ns > driver->asked_ns)
         driver->asked_ns = driver->order_ns;
@@ -130,7 +132,7 @@ static int32_t um_s(int16_t steps_s, uint32_t step_nm)
     return (int32_t)((int64_t)steps_s * step_nm / NM_PER_UM);
 }
 
-/* One that starts has its first order, and that says to rest. */
+/* One that starts is told to rest until it answers: its robot may not be there at first. */
 static void send_order(struct vs_base *base, const struct vs_base_command *command, uint32_t flags)
 {
     struct exec *e = of(base);
@@ -140,7 +142,7 @@ static void send_order(struct vs_base *base, const struct vs_base_command *comma
     uint8_t buf[VS_DRIVER_ORDER_LEN];
     int lasts_ms = vs_posix_timeout_ms(vs_posix_recent_ns(), base->until_ns);
 
-    if (driver->sent_ns != 0 && driver->order_ns == 0)
+    if (driver->order_ns == 0 && !rests)
         return;
     order.until_ns = order.sent_ns + (rests ? 0 : (uint64_t)lasts_ms * 1000000u);
     order.left_um_s = um_s(command->left_steps_s, e->body.step_nm);
@@ -163,10 +165,13 @@ static void count(struct exec *e, const struct vs_driver_report *report,
     int i;
 
     for (i = 0; i < 2; i++) {
-        if (driver->counting)
-            driver->ways_um[i] += report->way_um[i] - driver->way_um[i];
+        int64_t way_um = driver->counting ? report->way_um[i] - driver->way_um[i] : 0;
+        int64_t way_nm = way_um * NM_PER_UM + driver->rest_nm[i];
+
+        driver->steps[i] += (uint32_t)(way_nm / e->body.step_nm);
+        driver->rest_nm[i] = (int32_t)(way_nm % e->body.step_nm);
         driver->way_um[i] = report->way_um[i];
-        reading->steps[i] = (int32_t)(driver->ways_um[i] * NM_PER_UM / e->body.step_nm);
+        reading->steps[i] = (int32_t)driver->steps[i];
     }
     driver->counting = 1;
     reading->has_steps = 1;

@@ -24,7 +24,8 @@ struct vs_driver {
     uint64_t asked_ns;    /* it owes a report since then, at the earliest */
     uint64_t rest_ns;     /* the first order of those that say: rest; 0: it shall drive */
     int64_t way_um[2];    /* as it said last */
-    int64_t ways_um[2];   /* of all drivers together */
+    uint32_t steps[2];    /* of all drivers together; they wrap */
+    int32_t rest_nm[2];   /* of a step */
     uint8_t counting;     /* 1: way_um is this driver's */
     uint32_t got;
     uint8_t buf[VS_DRIVER_REPORT_LEN];

@@ -8,6 +8,8 @@
 
 #define RAYS_AT 96 /* of a report; up to there are zeros, for what is to come */
 
+#define WAY_MAX_UM INT64_C(1000000000000000) /* 1e9 m: nanometres of a difference are a number */
+
 static const uint8_t magic[4] = {'v', 's', 'd', VS_DRIVER_VERSION};
 
 void vs_driver_put_order(const struct vs_driver_order *order, uint8_t buf[VS_DRIVER_ORDER_LEN])
@@ -35,6 +37,11 @@ static const uint8_t *load(const uint8_t *at, int16_t *values, size_t count)
 
 static int is_possible(const struct vs_driver_report *r)
 {
+    int i;
+
+    for (i = 0; i < 2; i++)
+        if (r->way_um[i] > WAY_MAX_UM || r->way_um[i] < -WAY_MAX_UM)
+            return 0;
     return r->rays[0] <= VS_DRIVER_RAYS && r->rays[1] <= VS_DRIVER_RAYS &&
            r->rgb_leds <= VS_BASE_RGB_LEDS && (r->battery_low <= 1 || r->battery_low == VS_UNKNOWN);
 }

@@ -153,3 +153,11 @@ def test_the_tag_of_a_robot_that_is_replaced_is_that_of_the_file(tmp_path: Path)
     assert before.fence.keep_off == after.fence.keep_off and len(after.fence.keep_off) == 1
     (name,) = after.fence.keep_off
     assert [robot.tag for robot in after.robots if robot.id == name] == [37]
+
+
+def test_the_fastest_model_bounds_the_speed_limit(read_text: Read, example: str) -> None:
+    text = fenced(example, FENCE.replace('v_max="0.05"', 'v_max="0.15"'))
+    with pytest.raises(ConfigError, match="v_max"):
+        read_text(text)
+    fence = read_text(text.replace("<e-puck ", '<e-puck vs:model="thymio2" ')).geofence
+    assert fence is not None and fence.v_max_m_s == 0.15

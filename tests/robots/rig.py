@@ -36,6 +36,7 @@ from vsense.robots.link.wire import (
     encode,
     packet_length,
 )
+from vsense.world.robot_models import model_of
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -251,6 +252,7 @@ class Daemon:
         # In a process group of its own: the kernel ignores Ctrl-Z in one that nobody waits for.
         self.process = subprocess.Popen(
             [program, *arguments],
+            stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             preexec_fn=os.setpgrp,
@@ -316,7 +318,8 @@ class Rig:
         self._more = more
         self._options = options
         self.host = Host()
-        self.base = Microcontrollers([kind], watchdog)
+        models = [model_of("thymio2")] if kind == "thymio" else []
+        self.base = Microcontrollers([kind], watchdog, models=models)
         self.applied: list[Actuation] = []
         self.held_up_ns = 0
         self.plugged = True

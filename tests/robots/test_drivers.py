@@ -424,6 +424,17 @@ def test_a_slow_driver_drives_and_its_stop_is_believed_when_it_says_so(scripted:
     assert scripted.host.last.base_errors == 0 and len(scripted.lines) == 1, scripted.daemon.said
 
 
+def test_a_driver_whose_robot_is_not_there_at_first_is_asked_again(scripted: Scripted) -> None:
+    scripted.answering = False
+    scripted.wait_for(lambda: len(scripted.orders) > 9, "orders")
+    assert not any(order["left_um_s"] or order["right_um_s"] for order in scripted.orders)
+    late = {"order_ns": scripted.orders[0]["sent_ns"]}
+    scripted.say(scripted.report(**late))  # it goes through what has come one by one
+    scripted.answering = True
+    scripted.run()
+    assert len(scripted.lines) == 1 and "the driver" not in scripted.daemon.said
+
+
 @pytest.mark.parametrize(
     ("bad", "words"),
     [

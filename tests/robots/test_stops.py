@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
+from tests.rigs.processes import children
 from tests.robots.rig import MS, Rig, S
-from tests.robots.stopping import still_within, wait_said
+from tests.robots.stopping import ATTEMPTS, CANARY_NS, still_within, wait_said
 from vsense.base.clock import host_ns
 from vsense.base.native import lib
 from vsense.modes.lab._microcontrollers import Actuation
@@ -243,3 +245,118 @@ def test_a_battery_stops_nobody_who_has_not_asked_for_it(rigs: Rigs) -> None:
     set_battery(rig, 3000)
     rig.live_for(5 * S)
     assert rig.moving and rig.host.last.battery_low == 1
+
+
+KILLED, HELD = (signal.SIGSTOP, signal.SIGKILL), (signal.SIGSTOP,)
+FAILURES: dict[str, tuple[tuple[str, ...], tuple[signal.Signals, ...]]] = {
+    "driver killed": (("driver",), KILLED),
+    "driver held": (("driver",), HELD),
+    "worker killed": (("worker",), KILLED),
+    "worker held": (("worker",), HELD),
+    "guard killed": (("guard",), KILLED),
+    "guard held": (("guard",), HELD),
+    "daemon killed": (("guard", "worker"), KILLED),
+    "daemon held": (("guard", "worker"), HELD),
+    "driver and daemon killed": (("driver", "guard", "worker"), KILLED),
+    "host silent": ((), ()),
+    "host gone": ((), ()),
+    "link broken": ((), ()),
+}
+"""What fails: who gets which signals."""
+DRIVES_ON = {
+    "exec": {"driver and daemon killed", "link broken"},
+    "ros2": {"driver and daemon killed", "link broken"},
+    "wifi": {"daemon killed", "daemon held", "link broken"},
+    "thymio": set[str](),
+}
+"""What stops nobody; a ROS 2 robot's own controller may, the lab's has none."""
+ANEW = {"exec": {"driver killed", "driver held"}, "ros2": {"driver killed", "driver held"}}
+"""What stops it is the next driver, an interpreter that has to start: no bound of ours."""
+
+
+class Ways:
+    """One robot, and what can fail of it."""
+
+    def __init__(self, rig: Rig, way: str) -> None:
+        self.rig, self.way = rig, way
+        rig.start()
+        rig.run()
+
+    def pids(self, *names: str) -> list[int]:
+        worker, guard = self.rig.daemon.process.pid, self.rig.daemon.guard
+        assert guard is not None
+        drivers = children(guard) if self.way != "wifi" else []
+        known = {"worker": worker, "guard": guard, **dict(zip(["driver"], drivers))}
+        return [known[name] for name in names]
+
+    def link(self, works: bool) -> None:
+        if self.way == "exec":
+            self.rig.plugged = works
+        else:
+            name = {"wifi": "broken", "thymio": "plugged", "ros2": "mute"}[self.way]
+            setattr(self.rig.link, name, works == (self.way == "thymio"))
+
+    def host(self, failure: str, works: bool) -> None:
+        if failure == "host gone" and not works:
+            self.rig.host.drop()
+        self.rig.host.silent = not works
+
+    def fail(self, failure: str) -> int | None:
+        """When the wheels had rested after a failure, in ms; None: they turned on."""
+        rig = self.rig
+        names, signals = FAILURES[failure]
+        rig.live_for(2200 * MS if "driver" in failure else 300 * MS)  # a young one waits for that
+        rig.wait_for(lambda: rig.moving, "motion")
+        pids, since_ns = self.pids(*names), host_ns()
+        rig.held_up_ns = 0
+        for number in signals:
+            for pid in pids:
+                os.kill(pid, number)
+        if failure.startswith("host"):
+            self.host(failure, False)
+        elif failure == "link broken":
+            self.link(False)
+        if failure in DRIVES_ON[self.way]:
+            rig.live_for(S)
+            assert rig.moving, failure
+            took_ms = None
+        else:
+            rig.wait_for(lambda: not rig.moving, f"rest after {failure}")
+            took_ms = (rig.applied[-1].time_ns - since_ns) // MS
+        self.mend(failure, pids, signals)
+        return took_ms
+
+    def mend(self, failure: str, pids: list[int], signals: tuple[signal.Signals, ...]) -> None:
+        rig = self.rig
+        if failure.startswith("host"):
+            self.host(failure, True)
+        elif failure == "link broken":
+            self.link(True)
+        elif signals == HELD:
+            for pid in pids:
+                with suppress(ProcessLookupError):  # it was killed, and another is in its place
+                    os.kill(pid, signal.SIGCONT)
+        if rig.daemon.process.poll() is not None:
+            rig.host.drop()
+            rig.start()
+        rig.run()
+
+
+@pytest.mark.parametrize(
+    "way",
+    ["thymio", "ros2", *(pytest.param(w, marks=pytest.mark.campaign) for w in ("exec", "wifi"))],
+)
+def test_whatever_fails_each_way_in_stops_as_its_page_says(rigs: Rigs, way: str) -> None:
+    """The table of robot/DRIVERS.md; the first two have tests of their own besides."""
+    ways, took_ms = Ways(rigs(kind=way), way), dict[str, int | None]()
+    for failure in FAILURES:
+        if way == "wifi" and "driver" in failure:
+            continue
+        for _ in range(ATTEMPTS):
+            took_ms[failure] = ways.fail(failure)
+            late = (took_ms[failure] or 0) > STOP_NS // MS
+            if not late or ways.rig.held_up_ns < CANARY_NS:
+                break
+        print(way, failure, took_ms[failure], "ms; this loop late by", ways.rig.held_up_ns // MS)
+        if failure not in ANEW.get(way, ()):
+            assert (took_ms[failure] or 0) <= STOP_NS // MS, failure

@@ -49,7 +49,7 @@ def test_a_stepped_run_is_that_of_the_controller_in_c(
         assert sim.done and not sim.finished and leds.any()
         with pytest.raises(ValueError, match="the run is over"):
             sim.step()
-    assert not any("_work" in thread.name for thread in threading.enumerate())
+    assert not any("(work)" in thread.name for thread in threading.enumerate())
 
 
 def test_a_run_that_is_left_ends_and_one_that_fails_says_why() -> None:
@@ -70,6 +70,32 @@ class SwarmController:
     def step(self, swarm):
         swarm.set_wheels(300, 200 + self.prey.values.any(axis=1))
 """
+
+
+def test_a_run_that_is_dropped_ends() -> None:
+    sim = SteppedSimulation(vsense.load("foraging", robots=2, duration_s=5), seed=1)
+    sim.step()
+    thread = sim._thread
+    del sim
+    thread.join(10)
+    assert not thread.is_alive()
+
+
+FORKED = """
+import os, vsense
+sim = vsense.SteppedSimulation(vsense.load("foraging", robots=2, duration_s=5), seed=1)
+if os.fork():
+    sim.step()
+    raise SystemExit(os.waitstatus_to_exitcode(os.wait()[1]))
+sim.step()
+"""
+
+
+def test_a_fork_does_not_wait_for_a_thread_that_it_has_not() -> None:
+    command = [sys.executable, "-c", FORKED]
+    ran = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert "RuntimeError: the simulation runs in the process" in ran.stderr
+    assert ran.returncode == 1
 
 
 def test_one_of_several_controllers_is_stepped_and_the_others_run_as_they_are(

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pandas
 import pytest
+from matplotlib.figure import Figure
 
 import vsense
 from tests.conftest import require_tool
@@ -170,18 +171,33 @@ def page() -> Iterator[Page]:
     browser.close()
 
 
+def test_a_run_is_drawn_into_axes() -> None:
+    run = vsense.load("foraging", robots=3, duration_s=4).simulate(1, "a")
+    axes = Figure().subplots()
+    run.draw(axes, until_s=2, color="red")
+    assert axes.images[0].get_extent() == pytest.approx([-1.5, 1.5, -1.2, 1.2])
+    assert axes.images[0].get_array().shape[:2] == (1024, 1280)
+    ways, ends = axes.lines[::2], axes.lines[1::2]
+    for robot, (way, end) in enumerate(zip(ways, ends, strict=True)):
+        shown = run.poses[run.time_s <= 2, robot, :2]
+        assert np.array_equal(way.get_xydata(), shown) and len(shown) == 21
+        assert np.array_equal(end.get_xydata(), shown[-1:]) and end.get_color() == "red"
+    with pytest.raises(UsageError, match="FinishedRun\\(folder, experiment\\)"):
+        vsense.FinishedRun(Path("a")).draw(axes)
+
+
 def test_a_run_plays_in_a_notebook(page: Page) -> None:
     run = vsense.load("foraging", robots=5, duration_s=20).simulate(1, "a")
     player = run.play()
     model = {
         name: list(value) if isinstance(value, bytes) else value
         for name, value in player.get_state().items()
-        if name in ("poses", "leds", "picture", "robots", "timestep_s", "arena", "radius_m")
+        if name in ("poses", "leds", "picture", "robots", "timestep_s", "arena", "radii_m")
     }
     script = json.dumps((ROOT / "vsense" / "studies" / "player.js").read_text())
     page.value(
         f"(async () => {{ const given = {json.dumps(model)};"
-        " const get = (name) => Array.isArray(given[name]) && name !== 'arena'"
+        " const get = (name) => Array.isArray(given[name]) && !['arena', 'radii_m'].includes(name)"
         " ? new DataView(new Uint8Array(given[name]).buffer) : given[name];"
         f" const script = URL.createObjectURL(new Blob([{script}], {{type: 'text/javascript'}}));"
         " window.player = (await import(script)).default;"
@@ -195,7 +211,7 @@ def test_a_run_plays_in_a_notebook(page: Page) -> None:
     def colour(step: int, robot: int) -> list[int]:
         x_m, y_m, yaw = run.poses[step, robot]
         left_m, low_m, width_m, depth_m = player.arena
-        zoom, behind_m = width_px / width_m, 0.5 * player.radius_m
+        zoom, behind_m = width_px / width_m, 0.5 * player.radii_m[robot]
         x_m, y_m = x_m - behind_m * np.cos(yaw), y_m - behind_m * np.sin(yaw)
         place = round((x_m - left_m) * zoom), round((low_m + depth_m - y_m) * zoom)
         return list(page.value(at.format(*place)))
@@ -260,6 +276,7 @@ def test_a_campaign_is_a_table_that_goes_on(capsys: pytest.CaptureFixture[str]) 
         (lambda: load_experiment("foraging").simulate(2**32), "0 to 4294967295"),
         (lambda: load_experiment("foraging").simulate("a"), "seed='a': expected a whole"),
         (lambda: load_experiment("foraging").simulate_many([1, 1]), "one or more, each once"),
+        (lambda: load_experiment("foraging").simulate_many([1], on=7), "on=7: expected HOST:PORT"),
         (lambda: load_experiment("foraging").simulate_many([]), "one or more, each once"),
         (lambda: load_experiment("foraging").simulate_many(3), "expected a list"),
         (lambda: load_experiment("foraging").simulate_many([1], jobs=-1), "jobs=-1: expected"),

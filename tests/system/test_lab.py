@@ -13,14 +13,18 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
+from itertools import combinations
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.rigs.places import ROOT
-from tests.rigs.processes import PATIENCE_S, Lab
+from tests.rigs.processes import PATIENCE_S, Lab, descendants
 from tests.robots.link.legacy_rig import Client
 from vsense.modes.lab._microcontrollers import read_actuations
+from vsense.modes.lab.hardware import BASE_KINDS
+from vsense.modes.lab.truth import read_truth
 from vsense.monitor.recording.reader import open_recording
 
 pytestmark = pytest.mark.system
@@ -101,6 +105,84 @@ def test_a_mixed_swarm_on_mixed_bases(directory: Path) -> None:
     assert robots.data["controller"] == robots.data["expected"] == ["predator"] * 4 + ["prey"] * 2
     assert len(set(robots.data["hash"])) == 2
     assert [len(values) for values in robots.data["actuators"]] == [1] * 4 + [2] * 2
+
+
+KINDS = {
+    # tag: base in the roster, model, radius [m], start: x, y [m], heading
+    31: ("argos:/dev/ttyS0", "epuck", 0.035, (-0.4, 0.0, 0)),
+    71: ("wifi:192.168.1.40", "epuck2", 0.035, (0.0, 0.4, -90)),
+    1843: ("exec:thymio /dev/ttyACM0", "thymio2", 0.08, (0.4, 0.0, 180)),
+    4334: ("exec:ros2 --namespace robot_4334", "cart", 0.12, (0.0, -0.45, 90)),
+}
+MEETING = """<argos-configuration xmlns:vs="urn:vsense:1">
+<framework><experiment length="60" ticks_per_second="10" random_seed="1" /></framework>
+<controllers>{controllers}</controllers>
+<arena size="1.6,1.6,1" center="0,0,0.5">{robots}</arena></argos-configuration>
+"""
+CONTROLLER = """<m_controller id="{model}" library="meets.py"><actuators>
+<differential_steering implementation="default" /></actuators><sensors /><params />
+</m_controller>"""
+ROBOT = """<e-puck id="{model}" vs:tag="{tag}" vs:model="{model}">
+<body position="{x},{y},0" orientation="{heading},0,0" /><controller config="{model}" /></e-puck>"""
+CART = """[body]
+radius_m = 0.12
+height_m = 0.1
+marker_height_m = 0.11
+mass_kg = 3.0
+[wheels]
+axle_m = 0.2
+diameter_m = 0.041
+steps_per_turn = 1000
+max_steps_s = 2000
+acceleration_m_s2 = 1.0
+[ring]
+places_m = [[0.12, 0.0]]
+headings_deg = [0.0]
+half_cone_deg = 10.0
+table_m = [0.0, 0.2, 0.21]
+table_raw = [4000.0, 1000.0, 0.0]
+noise_raw = 1.0
+"""
+
+
+def test_kinds_of_robots_with_bases_of_their_own_meet(directory: Path, tmp_path: Path) -> None:
+    """E-pucks by cable and Wi-Fi, a Thymio and a robot of ROS 2 run into each other."""
+    pytest.importorskip("thymiodirect", reason="pip install vsense[thymio]")
+    pytest.importorskip("cyclonedds", reason="pip install vsense[ros2]")
+    (tmp_path / "cart.toml").write_text(CART)
+    (tmp_path / "meets.py").write_text(
+        "class Controller:\n"
+        "    def __init__(self, robot): pass\n"
+        "    def step(self, robot): robot.set_wheels(600, 600)\n"
+    )
+    rows = [(t, base, model, *start) for t, (base, model, _, start) in KINDS.items()]
+    tables = "".join(f'[[robot]]\ntag = {tag}\nbase = "{base}"\n' for tag, base, *_ in rows)
+    (tmp_path / "robots.toml").write_text(tables)
+    text = MEETING.format(
+        controllers="".join(CONTROLLER.format(model=row[2]) for row in rows),
+        robots="".join(
+            ROBOT.format(tag=tag, model=model, x=x, y=y, heading=heading)
+            for tag, _, model, x, y, heading in rows
+        ),
+    )
+    (tmp_path / "meeting.argos").write_text(text)
+    words = ("--roster", str(tmp_path / "robots.toml"), "--port", "0", "--duration", "10")
+    lab = Lab(directory, str(tmp_path / "meeting.argos"), *words)
+    assert lab.end() == 0, "".join(lab.said)
+    tracking = lab.summary()["tracking"]
+    assert tracking["wrong_ids"] == 0 and tracking["detected_mean"] > 3.9  # type: ignore[index]
+    poses = read_truth(directory / "truth.bin")["poses"]
+    ways_m = np.hypot(*np.diff(poses[:, :, :2], axis=0).T).sum(axis=1)
+    assert (ways_m > 0.2).all(), "each has a base that turns its wheels"
+    radii_m = [radius for _, _, radius, _ in KINDS.values()]
+    gaps_m = {
+        (i, j): np.hypot(*(poses[:, i, :2] - poses[:, j, :2]).T).min() - (radii_m[i] + radii_m[j])
+        for i, j in combinations(range(len(radii_m)), 2)
+    }
+    print(gaps_m)
+    assert min(gaps_m.values()) > -1e-4
+    met = [(radii_m[i], radii_m[j]) for (i, j), gap_m in gaps_m.items() if gap_m < 1e-4]
+    assert sum(one != other for one, other in met) >= 3, "bodies of different size touch"
 
 
 @pytest.mark.paced
@@ -212,10 +294,17 @@ def test_closed_outputs_cost_no_measurement(directory: Path) -> None:
 
 @pytest.mark.paced
 def test_killed_host_leaves_no_process(directory: Path) -> None:
-    lab = start(directory, "--duration", "600")
+    """Whatever robots are based on: a driver and a radio are there when the lab is not."""
+    count = len(BASE_KINDS)
+    lab = Lab(
+        directory, "pollutant", "--port", "0", "--robots", f"{count}", *("--base", "mixed"),
+        *("--duration", "600"),
+    )  # fmt: skip
     lab.wait_for("timestep \\d")
-    relatives = lab.relatives()
-    assert len(relatives) >= 8  # 3 robots with 2 processes each, cameras, physics
+    relatives = descendants(lab.process.pid)
+    drivers = [n for n in relatives if b"epuck.py" in Path(f"/proc/{n}/cmdline").read_bytes()]
+    # its daemon's two name it, too; 2 processes each, the driver, cameras, physics
+    assert len(drivers) == 3 and len(relatives) >= 2 * count + 3
     descriptors = [os.pidfd_open(pid) for pid in relatives]
     lab.process.kill()
     lab.end()

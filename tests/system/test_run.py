@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from tests.rigs.processes import descendants
+from tests.rigs.processes import descendants, is_alive
 from tests.system.cameras import NetworkCameras
 from tests.system.floor import MS, Floor, LinesTracker, OriginalTracker, Program, experiment
 from tests.system.recording import make_recording
@@ -369,7 +369,8 @@ def test_a_port_in_use_is_one_line(tmp_path: Path) -> None:
     assert f"TCP port {port} on 127.0.0.1 is in use" in said and said.count("\n") == 1
 
 
-def test_robots_without_a_board_are_driven_from_here(tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+def test_robots_without_a_board_are_driven_from_here(tmp_path: Path, number: int) -> None:
     floor = Floor(TAGS, base="wifi")
     tracker = LinesTracker(TAGS)
     floor.add(tracker)
@@ -388,9 +389,15 @@ def test_robots_without_a_board_are_driven_from_here(tmp_path: Path) -> None:
         os.kill(workers[0], signal.SIGKILL)
         floor.wait_for(program.heard(r"robot \d+: its vsensed here .*SIGKILL"), "the word")
         floor.wait_for(floor.moving, "motion again")
-        program.process.send_signal(signal.SIGINT)
-        assert end(floor, program) == 130
+        daemons = {pid for pid in descendants(program.process.pid) if is_named(pid, "vsensed")}
+        floor.held_up_ns, told_ns = 0, floor.clock()
+        program.process.send_signal(number)
+        assert end(floor, program) == (130 if number == signal.SIGINT else -number)
         floor.wait_for(floor.resting, "rest")
+        took_ms = (max(map(floor.stopped_ns, TAGS)) - told_ns) / MS
+        print("speed 0 after", took_ms, "ms")
+        assert took_ms <= 450 or floor.held_up_ns > 10 * MS
+        floor.wait_for(lambda: not any(map(is_alive, daemons)), "their daemons' end")
     finally:
         floor.close()
 

@@ -170,6 +170,32 @@ def _forget_parent(stdin: int, stdout: int, shared: Collection[int]) -> None:
     sys.path[:1] = [folder for folder in sys.path[:1] if folder != beside]
 
 
+class Lifeline:
+    """What robots' daemons on this machine have as standard input: a pipe without a byte.
+
+    It ends with this process, or when it is closed. Those that are built for this machine end then
+    (`robot/lab/orphan.c`), and stop their robots.
+
+    Attributes:
+        place: its file, for daemons that somebody else starts.
+    """
+
+    def __init__(self) -> None:
+        self._theirs, self._ours = os.pipe()
+        self.place = f"/proc/{os.getpid()}/fd/{self._theirs}"
+
+    def start(self, command: Sequence[str], log: Path) -> subprocess.Popen[bytes]:
+        """Starts a daemon, in a session of its own; its words go to the end of a file."""
+        with log.open("ab") as words:
+            return subprocess.Popen(
+                command, stdin=self._theirs, stdout=words, stderr=words, start_new_session=True
+            )
+
+    def close(self) -> None:
+        os.close(self._theirs)
+        os.close(self._ours)
+
+
 def end(process: subprocess.Popen[Any], timeout_s: float = END_TIMEOUT_S) -> None:
     """Waits for a process that was asked to end, and kills it where it does not."""
     try:

@@ -341,13 +341,12 @@ def add_action(actions: Any, name: str, text: str) -> argparse.ArgumentParser:
 
 
 def add_bases(parser: Any, bases: Sequence[str]) -> None:
-    """Declares what emulated robots are based on, the first of `bases` by default."""
+    """Declares what emulated robots are based on; None: as the roster says."""
     parser.add_argument(
         "--base",
         choices=bases,
-        default=bases[0],
-        help="what the emulated robots are based on, as in vsensed --base; mixed: one board"
-        f" after the other (default: {bases[0]})",
+        help="what the emulated robots are based on, as in vsensed --base; mixed: one kind after"
+        f" the other (default: as the roster says, and else {bases[0]})",
     )
     text = (
         "the emulated firmware stops the wheels 400 ms after the last command, as one built"

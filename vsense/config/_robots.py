@@ -4,19 +4,24 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from vsense.base.errors import UsageError
 from vsense.base.native import lib
 from vsense.base.xml.element import Element, shown
-from vsense.config import argos
+from vsense.config import argos, geofence
 from vsense.config._distribute import OBJECT_ELEMENT, DistributedCrowd, DistributedSpec
 from vsense.config._things import Media, read_place
+from vsense.config.geofence import Geofence
 from vsense.config.specs import FieldSpec, FloorSpec, ObjectSpec, Pose, RobotSpec, Stage
 from vsense.world.entities import VIRTUAL_TAG_MIN, Arena, Entity, VirtualRobot, WorldError
 from vsense.world.robot_models import EPUCK, RobotModel, model_of
 from vsense.world.sensors.base import RobotSettings
 from vsense.world.world import MESSAGE_MAX
+
+MOST_MASS_RATIO = 100
 
 
 @dataclass(slots=True)
@@ -74,6 +79,15 @@ class ArenaContents:
         entities = [*self.entities, *(spec.entity for spec in self.distributed)]
         return {entity.id: entity for entity in entities}
 
+    def read_geofence(
+        self, arena: Element, simulated: bool, replaced: Iterable[tuple[int, int]]
+    ) -> Geofence | None:
+        """Reads the fence of all that is here; see `geofence.read_geofence`."""
+        fastest_m_s = max(robot.model.v_max_m_s for robot in self.robots)
+        return geofence.read_geofence(
+            arena, self.arena, self.tags, simulated, replaced, fastest_m_s
+        )
+
     def claim_id(self, element: Element, name: str) -> None:
         """Notes an id, which must be printable and no other element's."""
         if not name.isprintable():
@@ -127,13 +141,23 @@ def _read_model(element: Element, bodies: ArenaContents) -> RobotModel:
     try:
         usual = argos.ROBOTS.get(element.name, EPUCK.name)
         return model_of(element.text("vs:model", usual), bodies.folder)
-    except WorldError as error:
+    except (WorldError, UsageError) as error:
         raise element.error(str(error), "vs:model") from None
 
 
 def check_models(controller: Element, bodies: ArenaContents) -> None:
-    """Refuses a controller for robots of several models: their sensors differ."""
+    """Refuses a controller for robots of several models: their sensors differ.
+
+    Bodies whose masses differ too much are refused, too: contacts of the heavy ones would not be
+    resolved where light ones touch each other.
+    """
     name = controller.text("id")
+    there: list[RobotSpec | ObjectSpec] = [*bodies.robots, *bodies.objects]
+    by_mass = sorted((body.model.mass_kg, body.model.name) for body in there)
+    (least_kg, light), (most_kg, heavy) = by_mass[0], by_mass[-1]
+    if most_kg > MOST_MASS_RATIO * least_kg:
+        words = f"{light} has {least_kg:g} kg in this arena, and {heavy} {most_kg:g} kg"
+        raise controller.error(f"{words}: expected at most {MOST_MASS_RATIO} times as much")
     models = {robot.model.name for robot in bodies.robots if robot.controller == name}
     if len(models) > 1:
         words = f"drives robots of the models {' and '.join(sorted(models))}"

@@ -33,7 +33,9 @@ class Casting:
         limit: so many robots play: the first of the file, or more than it has, which are added to
             its `<distribute>`. None: the file's.
         replaced: who plays in whose place.
-        types: the kind of base of each robot that has one in the roster, such as "argos".
+        types: the kind of base of each robot that has one in the roster, such as "argos", or its
+            driver, such as "thymio".
+        here: tags of those that have no board, which the machine of a run drives.
     """
 
     roster: str = ""
@@ -42,6 +44,7 @@ class Casting:
     limit: int | None = None
     replaced: tuple[Pair, ...] = ()
     types: tuple[tuple[int, str], ...] = ()
+    here: tuple[int, ...] = ()
 
     @classmethod
     def of(
@@ -52,8 +55,9 @@ class Casting:
             return cls(limit=limit, replaced=tuple(replaced))
         free = tuple(robot.tag for robot in roster.robots if robot.is_ready)
         others = tuple((r.tag, r.why_not) for r in roster.robots if not r.is_ready)
-        types = tuple((r.tag, r.base.partition(":")[0]) for r in roster.robots if r.base)
-        return cls(str(roster.path), free, others, limit, tuple(replaced), types)
+        types = tuple((r.tag, _type_of(r.base)) for r in roster.robots if r.base)
+        here = tuple(robot.tag for robot in roster.robots if robot.is_driven_here)
+        return cls(str(roster.path), free, others, limit, tuple(replaced), types, here)
 
     @classmethod
     def read(cls, data: Mapping[str, Any]) -> Casting:
@@ -61,7 +65,8 @@ class Casting:
         names = ("others", "replaced", "types")
         pairs = {name: tuple(map(tuple, data.get(name, ()))) for name in names}
         free, limit = tuple(data.get("free", ())), data.get("limit")
-        return cls(str(data.get("roster", "")), free, limit=limit, **pairs)
+        here = tuple(data.get("here", ()))
+        return cls(str(data.get("roster", "")), free, limit=limit, here=here, **pairs)
 
     def check(self, what: str, pair: Pair, playing: Iterable[int], worn: Collection[int]) -> None:
         """Refuses a robot that cannot play another's part.
@@ -89,6 +94,11 @@ class Casting:
     def spares(self, playing: Collection[int]) -> list[int]:
         """The roster's spares that work and do not play."""
         return [tag for tag, why in self.others if why == SPARE and tag not in playing]
+
+
+def _type_of(base: str) -> str:
+    kind, _, device = base.partition(":")
+    return device.split()[0].removesuffix(".py") if kind == "exec" and device.split() else kind
 
 
 def pair(text: str) -> Pair:

@@ -24,7 +24,7 @@ from vsense.config.argos import USING_SETTINGS
 from vsense.config.casting import Casting
 from vsense.config.devices import Devices, read_devices
 from vsense.config.devices import virtual_devices as names_of_virtual
-from vsense.config.geofence import Geofence, read_geofence
+from vsense.config.geofence import Geofence
 from vsense.config.placement import overlapping
 from vsense.config.specs import (
     ControllerSpec,
@@ -159,7 +159,7 @@ def _read_understood(
     if not bodies.robots:
         raise arena.error(_no_robot(root, arena))
     cast(bodies, marker.family, casting, root.document.file)
-    geofence = read_geofence(arena, bodies.arena, bodies.tags, serves.is_sim, casting.replaced)
+    geofence = bodies.read_geofence(arena, serves.is_sim, casting.replaced)
     scope = _scope(bodies, round(run.length_s * run.ticks_per_second), loop_functions)
     controllers = _read_controllers(root, bodies, scope, media, serves, geofence)
     _check_objects(bodies, scope)

@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 Corner = tuple[float, float]
 
 MAX_SPEED_M_S = EPUCK.max_steps_s * EPUCK.step_m
-"""What the motors of every robot can do."""
+"""What an e-puck's motors can do."""
 _MIN_SPEED_M_S = 0.01
 """A robot on its way home that is slower counts as stuck."""
 _MAX_CORNERS, _MAX_ZONES, _MAX_TAG = 100, 50, 65_535
@@ -81,6 +81,7 @@ def read_geofence(
     tags: Mapping[str, int],
     simulated: bool,
     replaced: Iterable[tuple[int, int]] = (),
+    fastest_m_s: float = MAX_SPEED_M_S,
 ) -> Geofence | None:
     """Reads the fence in `<arena>`, None: there is none.
 
@@ -88,6 +89,7 @@ def read_geofence(
         tags: of all that wears a marker, by id.
         simulated: it is read for a simulation, where it holds nobody.
         replaced: a tag of the file, and that of the robot which plays in its place.
+        fastest_m_s: what the motors of the fastest robot can do.
 
     Raises:
         ConfigError: it is wrong.
@@ -108,7 +110,7 @@ def read_geofence(
     keep_off = _read_keep_off(fence, names)
     v_max_m_s = None
     if fence.has("v_max"):
-        v_max_m_s = fence.number("v_max", _MIN_SPEED_M_S, MAX_SPEED_M_S, "m/s")
+        v_max_m_s = fence.number("v_max", _MIN_SPEED_M_S, fastest_m_s, "m/s")
     if simulated:
         fence.warn("has nobody stand in a simulation: only its v_max counts")
     return Geofence(boundary, tuple(forbidden), keep_off, v_max_m_s)

@@ -144,7 +144,7 @@ class Robot:
         else:
             runtime.call("show", self._row, name, float(value))
 
-    def log(self, line: str) -> None:
+    def log(self, line: object) -> None:
         """One line for the host's list of events."""
         self._swarm.log(self._row, line)
 

@@ -25,6 +25,7 @@ Nothing here blocks.
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Iterable, Mapping, Sequence
 from enum import IntFlag
 from typing import Any
@@ -52,6 +53,7 @@ OWN_COUNTS = {
 }  # fmt: skip
 """How many numbers the robots' own sensors have at most. Source: robot/base_sensors.c."""
 
+_ALL_LEDS = int(Leds.RING | Leds.BODY | Leds.FRONT)
 RGB = "+rgb"  # the actuator of robots that are driven from here: three levels for each of four LEDs
 _NEVER_NS = 2**64 - 1
 _MOST_STEPS_S = 32767.0
@@ -293,13 +295,21 @@ class Swarm:
             self._walk.drop(rows)
 
     def set_leds(self, leds: ArrayLike, where: ArrayLike = True) -> None:
-        """Which LEDs are on, see `Leds`; bit n of the ring is LED n."""
-        rows = self.rows(where)
-        self._leds[rows] = np.broadcast_to(np.asarray(leds, np.uint32), len(self))[rows]
+        """Which LEDs are on, see `Leds`; bit n of the ring is LED n. ValueError: they are none."""
+        rows, wanted = self.rows(where), np.asarray(leds)
+        if wanted.dtype.kind not in "iub" or ((wanted < 0) | (wanted > _ALL_LEDS)).any():
+            raise ValueError(f"{leds!r}: expected LEDs, whole numbers of 0 to {_ALL_LEDS}")
+        self._leds[rows] = np.broadcast_to(wanted, len(self))[rows]
         self._leds_set |= rows
 
     def set_leds_of(self, robot: int, leds: int) -> None:
         """The same of one robot, by its place."""
+        try:
+            known = 0 <= operator.index(leds) <= _ALL_LEDS
+        except TypeError:
+            known = False
+        if not known:
+            raise ValueError(f"{leds!r}: expected LEDs, a whole number of 0 to {_ALL_LEDS}")
         self._leds[robot], self._leds_set[robot] = leds, True
 
     def set_rgb(
@@ -326,7 +336,7 @@ class Swarm:
         for row in np.flatnonzero(self.rows(where)):
             self.runtime.call("show", int(row), name, float(self.column(values)[row]))
 
-    def log(self, robot: int, line: str) -> None:
+    def log(self, robot: int, line: object) -> None:
         """One line for the host's list of events, from the robot at this place in `tags`.
 
         IndexError: there is none.
@@ -334,7 +344,7 @@ class Swarm:
         if not 0 <= robot < len(self):
             expected = f"expected its place in swarm.tags, 0 to {len(self) - 1}"
             raise IndexError(f"robot {robot}: {expected}")
-        self.runtime.call("log", robot, line)
+        self.runtime.call("log", robot, str(line))
 
     def rows(self, where: ArrayLike) -> Rows:
         """(n,) the robots that `where` means: one truth value, or one for each.

@@ -11,13 +11,13 @@ from vsense.robots.link.status import RobotStatus
 from vsense.robots.link.wire import StopCause
 from vsense.run._standing import MOST_STEP_NS
 from vsense.run.verdict import RobotRecord
-from vsense.world.robot_models import EPUCK
+from vsense.world.robot_models import EPUCK, RobotModel
 
-FASTEST_M_S = 0.16
-"""An e-puck's wheels turn at 1000 steps/s at most, 0.129 m/s; a quarter more is left to errors."""
+FASTER = 0.16 / EPUCK.v_max_m_s
+"""What a robot may seem to have gone over what its wheels can: a quarter is left to errors."""
 
-PUSHED_M = 2.0 * EPUCK.radius_m + 0.015
-"""Who stands with another one so near may have been pushed by it."""
+PUSHED_M = 0.015
+"""Who stands with another body so near to its own may have been pushed by it."""
 
 STOPPED_NS = 500_000_000
 """A robot that has told so long that its wheels stand does stand."""
@@ -107,9 +107,18 @@ class Witness:
 
     Args:
         robots, objects: names by tag, of robots and of tagged objects.
+        models: of all of them that are no e-pucks, by tag.
     """
 
-    def __init__(self, robots: Mapping[int, str], objects: Mapping[int, str] = {}) -> None:
+    def __init__(
+        self,
+        robots: Mapping[int, str],
+        objects: Mapping[int, str] = {},
+        models: Mapping[int, RobotModel] = {},
+    ) -> None:
+        largest_m = max(model.radius_m for model in (EPUCK, *models.values()))
+        self._fastest_m_s = FASTER * max(m.v_max_m_s for m in (EPUCK, *models.values()))
+        self._pushed_m = 2.0 * largest_m + PUSHED_M
         self._robots = {tag: _Watched(name) for tag, name in robots.items()}
         self._unseen = dict(objects)
         self._newest_ns: int | None = None
@@ -232,11 +241,11 @@ class Witness:
     ) -> None:
         """Compares where a robot is with where it can be; `others` may push it."""
         if robot.place is not None:
-            could_m = FASTEST_M_S * (now_ns - robot.seen_ns) / 1e9
+            could_m = self._fastest_m_s * (now_ns - robot.seen_ns) / 1e9
             robot.moved_m = max(robot.moved_m, math.dist(place, robot.place) - could_m)
         robot.place, robot.seen_ns = place, now_ns
         stands = robot.stands_ns is not None and now_ns - robot.stands_ns >= STOPPED_NS
-        if not stands or any(math.dist(place, other) <= PUSHED_M for other in others):
+        if not stands or any(math.dist(place, other) <= self._pushed_m for other in others):
             robot.anchor = None
         elif robot.anchor is None or now_ns - robot.anchor_ns > STANDING_NS:
             robot.anchor, robot.anchor_ns = place, now_ns

@@ -94,7 +94,8 @@ class Figures:
         self._dt_ns = experiment.timestep_ns
         self._robots = {robot.tag: _Robot() for robot in experiment.robots}
         names = {robot.tag: robot.id for robot in experiment.robots}
-        self.witness = Witness(names, {thing.tag: thing.id for thing in experiment.objects})
+        objects = {thing.tag: thing.id for thing in experiment.objects}
+        self.witness = Witness(names, objects, experiment.models)
         self._last_run_timestep = -1
         self.light_level: float | None = None
         self.steps = StepTimes()

@@ -2,7 +2,7 @@
 
     foraging = vsense.load("foraging", duration_s=60)
     run = foraging.simulate(seed=1)
-    run.poses["x_m"]                                   # (timesteps, robots)
+    run.poses[:, :, :2]                                # (timesteps, robots, 2): x and y [m]
     runs = foraging.simulate_many(range(1, 11), {"foraging.release": [0, 0.3, 1]}, "release.csv")
     runs.to_pandas().groupby("foraging.release")["items_home"].median()
 
@@ -38,9 +38,11 @@ from vsense.studies.report import FORMATS
 from vsense.studies.results import FinishedRun, RunTable
 
 if TYPE_CHECKING:
+    from vsense.modes.sim.engine import JobExecutor
     from vsense.modes.sim.stepping import Reward
     from vsense.studies._parallel import SwarmEnvironment
     from vsense.studies.live_run import LiveRun
+    from vsense.studies.series.campaign import Campaign
 
 Setting = str | float
 
@@ -180,6 +182,7 @@ class LoadedExperiment:
         settings: Mapping[str, Sequence[Setting]] | None = None,
         output: str | Path = "results.csv",
         jobs: int | None = None,
+        on: str | JobExecutor | None = None,
         progress: bool = False,
     ) -> RunTable:
         """Simulates every combination of settings with every seed: a campaign.
@@ -189,28 +192,40 @@ class LoadedExperiment:
             settings: values by `ELEMENT.attribute`.
             output: the table, a .csv file. Runs that are in it are not made again.
             jobs: runs at the same time; None: one for each processor.
+            on: what does the runs instead of this computer: a `concurrent.futures.Executor`, or the
+                address of a Dask scheduler (extra `cluster`).
 
         Raises:
             KeyboardInterrupt: Ctrl-C; the same call goes on from there.
             VsenseError: a run cannot be made; or the table is of another campaign.
         """
+        from vsense.modes.sim.engine import Engine
         from vsense.studies.series import campaign
+        from vsense.studies.series._simulated import check_simulator
+
+        executor = None if isinstance(on, str) else on
+        if not (executor is None or hasattr(executor, "submit")):
+            raise UsageError(f"on={on!r}: expected HOST:PORT, or an executor, which has submit()")
+        jobs, address = checked("jobs", jobs, int, 1), on if isinstance(on, str) else None
+        check_simulator(address, jobs, record=False)
+        varied = {k: tuple(map(str, listed(k, given))) for k, given in (settings or {}).items()}
+        table = self._campaign(listed("seeds", seeds), varied, output)
+        engine = None if executor is None else Engine(type(executor).__name__, executor)
+        with interruptible() as interrupted:
+            wanted = replace(table, jobs=jobs, on=address)
+            campaign.run(wanted, console_of(progress), interrupted, engine)
+        return RunTable(table.output)
+
+    def _campaign(
+        self, seeds: Sequence[int], varied: Mapping[str, tuple[str, ...]], output: str | Path
+    ) -> Campaign:
+        from vsense.studies.series.campaign import Campaign
 
         fixed = {key: (value,) for key, value in self.options.settings.items()}
-        varied = {k: tuple(map(str, listed(k, given))) for k, given in (settings or {}).items()}
-        wanted = [checked("seeds", seed, int, 1, MOST_SEED) for seed in listed("seeds", seeds)]
-        jobs = checked("jobs", jobs, int, 1)
+        wanted = tuple(checked("seeds", seed, int, 1, MOST_SEED) for seed in seeds)
         path = Path(os.path.abspath(output)).with_suffix(".csv")
-        table = campaign.Campaign(
-            Sweep({**fixed, **varied}, tuple(wanted)),
-            setup_of(self.options),
-            path,
-            path.with_suffix(f".{FORMATS[0]}"),
-            jobs=jobs,
-        )
-        with interruptible() as interrupted:
-            campaign.run(table, console_of(progress), interrupted)
-        return RunTable(path)
+        picture = path.with_suffix(f".{FORMATS[0]}")
+        return Campaign(Sweep({**fixed, **varied}, wanted), setup_of(self.options), path, picture)
 
     def lab(
         self,

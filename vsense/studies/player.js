@@ -12,7 +12,7 @@ const RING = 0xff;
  * @property {number} steps
  * @property {number} timestep_s
  * @property {number[]} arena least x, least y, width and depth [m]
- * @property {number} radius_m of a robot
+ * @property {number[]} radii_m of the robots
  * @property {HTMLImageElement} picture of the arena without robots
  */
 
@@ -28,7 +28,7 @@ function read(model) {
   return {
     poses, robots, picture, leds: new Uint16Array(buffer(model.get("leds"))),
     steps: robots ? poses.length / (3 * robots) : 0,
-    timestep_s: model.get("timestep_s"), arena: model.get("arena"), radius_m: model.get("radius_m"),
+    timestep_s: model.get("timestep_s"), arena: model.get("arena"), radii_m: model.get("radii_m"),
   };
 }
 
@@ -49,7 +49,7 @@ function draw(canvas, run, step) {
     pen.stroke();
     const [x_m, y_m, yaw] = at(step);
     if (Number.isNaN(x_m)) continue;
-    const size = Math.max(3, run.radius_m * zoom);
+    const size = Math.max(3, run.radii_m[robot] * zoom);
     if (run.leds[step * run.robots + robot] & RING) disc(pen, x(x_m), y(y_m), 1.7 * size, LIT);
     disc(pen, x(x_m), y(y_m), size, ROBOT);
     pen.beginPath();

@@ -7,6 +7,7 @@ import csv
 import html
 import importlib
 import io
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -165,12 +166,33 @@ class FinishedRun:
             VsenseError: what is left of the run cannot be read.
         """
         require("play() needs", "anywidget")
+        from vsense.studies._drawing import make_player
+
+        return make_player(self.poses, self.leds, self._known(), self.summary["seed"])
+
+    def draw(self, axes: Any, until_s: float = math.inf, **line: Any) -> None:
+        """Draws the arena and the way of each robot, with a dot at its end, into Matplotlib's axes.
+
+        Args:
+            until_s: how much of the run [s].
+            line: of `axes.plot`, for the ways: `color="tab:blue"`.
+
+        Raises:
+            UsageError, VsenseError: as `play`.
+        """
+        from vsense.studies import _drawing
+
+        experiment = self._known()
+        picture = _drawing.empty_arena(experiment, self.summary["seed"], 2 * _drawing.PICTURE_PX)
+        extent = _drawing.corners(experiment).T.ravel()
+        axes.imshow(picture[:, :, ::-1], extent=extent, zorder=0)
+        _drawing.draw_ways(axes, self.poses[self.time_s <= until_s], line)
+
+    def _known(self) -> Experiment:
         if self.experiment is None:
             words = "expected a run that simulate(), lab() or run() gave, or"
             raise UsageError(f"{self.folder}: {words} FinishedRun(folder, experiment)")
-        from vsense.studies._player import make_player
-
-        return make_player(self.poses, self.leds, self.experiment, self.summary["seed"])
+        return self.experiment
 
     def _repr_html_(self) -> str:
         words = {"seed": self.summary["seed"], "robots": self.summary["robots"]}

@@ -244,6 +244,15 @@ def test_rig_sees_the_whole_arena_and_overlaps(size: tuple[float, float]) -> Non
     assert np.any(seen, axis=0)[~beyond.any(axis=1)].all()
 
 
+def test_the_highest_marker_is_whole_in_a_picture_wherever_it_is() -> None:
+    arena, rng = Arena((3.0, 3.0, 1.0), (0.0, 0.0, 0.5)), np.random.default_rng(1)
+    places = rng.uniform(-1.45, 1.45, (5000, 2))
+    markers = np.column_stack((places, np.full(len(places), 0.42)))
+    seen = [c.contains(c.project(markers), 30.0) for c in rig(arena, None, 0.42)]
+    assert np.any(seen, axis=0).all()
+    assert not np.any([c.contains(c.project(markers), 30.0) for c in rig(arena)], axis=0).all()
+
+
 @pytest.mark.parametrize(
     ("size", "grid", "found"),
     [

@@ -7,6 +7,7 @@ import select
 import socket
 import struct
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +16,8 @@ from tests.firmware import tables
 from vsense.base.errors import UsageError
 from vsense.base.native import lib
 from vsense.base.shared import LabError
+from vsense.config.casting import Casting
+from vsense.config.roster import Roster, RosterRobot
 from vsense.modes.lab._links import GROUND_RAW, PROGRAMS, Bus
 from vsense.modes.lab._microcontrollers import Actuation, Microcontrollers
 from vsense.modes.lab.hardware import BASE_KINDS, BASES, MIXED, bases_of
@@ -98,13 +101,26 @@ def client(chips: Microcontrollers) -> Iterator[Client]:
     one.socket.close()
 
 
-def test_every_kind_is_emulated_and_mixed_is_all_boards() -> None:
-    assert tuple(PROGRAMS) == BASE_KINDS
+def test_every_kind_is_emulated_and_mixed_is_all_of_them() -> None:
+    assert tuple(PROGRAMS) == (*BASE_KINDS, "thymio", "ros2")
     assert (*BASE_KINDS, MIXED) == BASES
-    assert bases_of("york", 2) == ["york", "york"]
-    assert bases_of(MIXED, 6) == [*BASE_KINDS[:4], *BASE_KINDS[:2]]
+    assert bases_of("york", ["", "argos"]) == ["york", "york"]
+    assert bases_of(MIXED, [""] * 8) == [*BASE_KINDS, *BASE_KINDS[:2]]
     with pytest.raises(UsageError, match="no base 'lego' in the lab: expected one of argos,"):
-        bases_of("lego", 1)
+        bases_of("lego", [""])
+
+
+def test_a_base_is_what_the_roster_says() -> None:
+    """A driver of one's own has no robot in the lab, which takes the first kind."""
+    bases = {
+        "": "argos", "york:/dev/i2c-12": "york", "wifi:192.168.1.40,floor=yes": "wifi",
+        "exec:epuck /dev/ttyS1": "exec", "exec:thymio /dev/ttyACM0": "thymio",
+        "exec:ros2.py --namespace robot_23": "ros2", "exec:mine.py /dev/ttyUSB0": "argos",
+    }  # fmt: skip
+    robots = [RosterRobot(tag, base=base) for tag, base in enumerate(bases)]
+    types = dict(Casting.of(Roster(Path("robots.toml"), tuple(robots))).types)
+    asked = [types.get(robot.tag, "") for robot in robots]
+    assert bases_of(None, asked) == list(bases.values())
 
 
 def test_bases_are_what_the_daemons_are_told() -> None:

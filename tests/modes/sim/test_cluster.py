@@ -140,7 +140,7 @@ def test_comparisons_and_searches_have_their_runs_done(
     workers({})
     for words in (("compare", "foraging"), ("optimize", "--vary", "foraging.release=0..1")):
         paths = [tmp_path / f"{words[0]}{n}.csv" for n in (1, 2)]
-        how = ("--maximize", "items_home", "--robots", "2", "--duration", "2")
+        how = ("--minimize", "items_home", "--robots", "2", "--duration", "2")
         how += ("--trials", "2", "--runs", "1") if words[0] == "optimize" else ("--pairs", "8")
         for path, where in zip(paths, (("-j", "1"), ("--on", address))):
             assert main([words[0], "foraging", *words[1:], *how, *where, "-o", str(path)]) == 0

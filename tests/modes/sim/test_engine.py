@@ -15,18 +15,17 @@ from typing import Any
 import numpy as np
 import pytest
 
+import vsense
 from tests.modes.sim.conftest import task_of
 from tests.rigs.processes import descendants
 from vsense.base.errors import Interrupted, VsenseError
-from vsense.base.terminal import Console, Interruption
+from vsense.base.terminal import Interruption
 from vsense.cli import main
 from vsense.modes.sim import engine, fingerprint
 from vsense.modes.sim._worker import NotHere, settled
 from vsense.modes.sim.engine import Engine, WorkPlace
-from vsense.modes.sim.job import Job, JobOrigin, Setup, Sweep
+from vsense.modes.sim.job import Job, JobOrigin, Setup
 from vsense.modes.sim.outcome import Task
-from vsense.studies.series import campaign
-from vsense.studies.series.campaign import Campaign
 
 
 def nothing(workers: object) -> None:
@@ -37,10 +36,9 @@ def test_a_pool_of_processes_gives_the_same_rows(pollutant: Path, tmp_path: Path
     here, there = tmp_path / "here.csv", tmp_path / "there.csv"
     arguments = ("--duration", "6", "--set", "sensor.noise=0,0.7", "--seeds", "3,1")
     assert main(["sim", "pollutant", *arguments, "-j", "2", "-o", str(here)]) == 0
-    sweep, setup = Sweep.of([("sensor.noise", "0,0.7")], None, (3, 1)), Setup("pollutant", 6.0)
-    asked = Campaign(sweep, setup, there, there.with_suffix(".png"))
+    experiment, noises = vsense.load("pollutant", duration_s=6), {"sensor.noise": [0, 0.7]}
     with ProcessPoolExecutor(2, get_context("spawn")) as executor:
-        campaign.run(asked, Console(), Interruption(), Engine("a pool", executor))
+        experiment.simulate_many((3, 1), noises, there, on=executor)
     assert here.read_bytes() == there.read_bytes()
 
 

@@ -14,6 +14,7 @@ from tests.rigs.places import ROOT
 from vsense.base.errors import ConfigError
 from vsense.config.experiment import SHIPPED_FOLDER, first_robots, load
 from vsense.config.specs import Experiment, Stage
+from vsense.modes.origin import files_of
 from vsense.modes.sim._simulation import Simulation
 from vsense.modes.sim.outcome import libraries_of
 from vsense.robots.inprocess import ACT_NS
@@ -166,6 +167,8 @@ def test_robots_of_several_models_share_an_arena(tmp_path: Path) -> None:
     mixed = load(str(path), 60.0, stage=Stage.SIM)
     models = [robot.model for robot in mixed.robots]
     assert {model.name for model in models} == {"big", "epuck"}
+    kept = files_of(mixed)
+    assert own in kept and MODELS_FOLDER / "epuck.toml" not in kept, "it is made again from them"
     run = Simulation(mixed, libraries_of(mixed), 1)
     run.run()
     places = run.record.poses[:, : len(models), :2]

@@ -228,6 +228,23 @@ def test_trouble_stands_in_the_banner_and_first_in_the_table(served: Serve, open
     page.until(f"{row}.innerText.includes('run')")
 
 
+def test_a_robot_that_the_runs_machine_drives_says_so(served: Serve, opened: Open) -> None:
+    puppet = running()
+    tag = puppet.swarm.tags[0]
+    _, _, url = served(puppet)
+    page = opened(url)
+    page.until("vsense.arena.drawn.robots.length === 16")
+    here = f"vsense.store.experiment.robots.find(({{ tag }}) => tag === {tag}).driven_here"
+    facts = "document.querySelector('#robot_facts').innerText"
+    page.value(f"vsense.choice.choose({tag})")
+    page.until(f"{facts}.includes('battery')")
+    assert not page.value(f"{facts}.includes('driven from')")
+    page.value(f"{here} = true")
+    page.until(
+        f"{facts}.includes('driven from') && {facts}.includes('only the robot stops itself')"
+    )
+
+
 def test_the_fence_is_drawn_where_it_is(served: Serve, opened: Open) -> None:
     puppet = running()
     tag = puppet.swarm.tags[0]

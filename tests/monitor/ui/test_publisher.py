@@ -6,7 +6,7 @@ import base64
 import json
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,9 @@ from tests.run.stage import status
 from tests.world.sensors.scenes import arena_state
 from vsense.base.arena import ArenaState, Frame
 from vsense.base.message_bus import Message, MessageBus
+from vsense.config.casting import Casting
 from vsense.config.experiment import SHIPPED_FOLDER, load
+from vsense.config.roster import read as read_roster
 from vsense.monitor.ui import messages
 from vsense.monitor.ui.messages import ExperimentFacts
 from vsense.monitor.ui.publisher import PreviewEncoder, Publisher
@@ -293,3 +295,20 @@ def test_the_fence_of_the_file_is_told_where_robots_stand_for_it(tmp_path: Path)
     simulated = messages.experiment(replace(facts, command="sim"), environment)["arena"]
     unfenced = messages.experiment(facts, Environment(load("pollutant"), seed=1))["arena"]
     assert simulated == unfenced == {"size_m": [3, 2.4, 1], "centre_m": [0, 0, 0.5]}
+
+
+def test_a_robot_that_the_runs_machine_drives_is_told(tmp_path: Path) -> None:
+    roster = tmp_path / "robots.toml"
+    tags = load("pollutant").tags.values()
+    robots = [f"[[robot]]\ntag = {tag}\n" for tag in tags]
+    robots[2] += 'base = "wifi:192.168.1.40"\n'
+    roster.write_text("".join(robots))
+    casting = Casting.of(read_roster(roster))
+    assert Casting.read(asdict(casting)) == casting
+    environment = Environment(load("pollutant", casting=casting), seed=1)
+    facts = ExperimentFacts("run", "", False, [CAMERA], {}, Troubles())
+    told = messages.experiment(facts, environment)["robots"]
+    assert [robot["tag"] for robot in told if "driven_here" in robot] == list(casting.here)
+    assert len(casting.here) == 1
+    emulated = messages.experiment(replace(facts, command="lab"), environment)["robots"]
+    assert not any("driven_here" in robot for robot in emulated)

@@ -41,7 +41,7 @@ def driven(
     poses = np.stack((x[at], y[at], wrap_angle(yaw[:-1][at])), axis=-1)
     poses[:, :2] += rng.normal(0.0, noise[0], (STEPS, 2))
     poses[:, 2] += rng.normal(0.0, noise[1], STEPS)
-    orders = WheelOrders(np.arange(len(speeds)) * 0.5, speeds)
+    orders = WheelOrders(np.arange(len(speeds)) * 0.5, speeds, EPUCK.step_m)
     light = 3.0 + rng.normal(0.0, 0.02, (STEPS, 1, 8))
     light[rng.random((STEPS, 1)) < 0.03] = 0.0  # somebody's shadow
     return motion(poses[:, None], orders, light)
@@ -49,7 +49,8 @@ def driven(
 
 def motion(poses: Floats, orders: WheelOrders | None, light: Floats) -> RunMotion:
     times_s, free = np.arange(STEPS) * DT_S, np.ones((STEPS, 1), bool)
-    return RunMotion(DT_S, (TAG,), times_s, poses, free, (orders,), {("light", ""): light})
+    axles_m, readings = (EPUCK.axle_m,), {("light", ""): light}
+    return RunMotion(DT_S, (TAG,), times_s, poses, free, (orders,), axles_m, readings)
 
 
 @pytest.mark.parametrize("lag_s", [0.0, 0.13])
@@ -76,6 +77,6 @@ def test_what_nobody_told_is_not_known() -> None:
     silent = motion(still, None, np.zeros((STEPS, 1, 8)))
     assert shift_of([silent]) is None
     assert robots_of([silent], 0.0) == [] and standing_noise([silent]) == []
-    stood = motion(still, WheelOrders(np.array([0.0, 80.0]), np.zeros((2, 2))), still)
+    stood = motion(still, WheelOrders(np.array([0.0, 80.0]), np.zeros((2, 2)), EPUCK.step_m), still)
     assert shift_of([stood]) is None and robots_of([stood], 0.0) == []
     assert {one.sigma for one in standing_noise([stood])} == {0.0}

@@ -19,6 +19,7 @@ from tests.rigs.places import ROOT
 from tests.rigs.processes import descendants
 from vsense.cli import main
 from vsense.run.runs_csv import read_runs
+from vsense.world.robot_models import MODELS_FOLDER
 
 SHORT = ("--duration", "6")
 
@@ -158,6 +159,12 @@ def test_an_edited_file_makes_another_campaign(write_experiment, tmp_path: Path,
     assert sim(*arguments) == 2
     assert "a row of campaign" in capsys.readouterr().err
     notes.write_text("one")
+    assert sim(*arguments) == 0
+    # No attribute names it: it comes before the shipped one.
+    model = experiment.with_name("epuck.toml")
+    model.write_text((MODELS_FOLDER / "epuck.toml").read_text())
+    assert sim(*arguments) == 2
+    model.unlink()
     assert sim(*arguments) == 0
     experiment.write_text(experiment.read_text() + "<!-- -->")
     assert sim(*arguments) == 2

@@ -59,6 +59,13 @@ def final_verdict(old: Floats, new: Floats, margin: float) -> str:
     )
 
 
+def test_a_measure_that_is_always_0_tells_nothing() -> None:
+    dead = np.zeros(100)
+    with pytest.raises(UsageError, match="x: 0 in every run of both sides: nothing can be told"):
+        final_verdict(dead, dead, 0.1)
+    assert final_verdict(dead + 1.0, dead + 1.0, 0.1) == NOT_WORSE
+
+
 def paired(share: float, start_share: float = 0.5) -> Draw:
     """Counts about 14, as foraging's, with a part that the start decides; new ones are `share`."""
 

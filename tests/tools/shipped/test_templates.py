@@ -126,6 +126,8 @@ def test_the_controller_in_python_does_what_that_in_c_does(
         (["x" * 32], "expected a name"),
         ([".."], "'..': expected a name"),
         (["foraging"], "'foraging' is the name of what comes with vsense: choose another one"),
+        (["signal"], "'signal' is the name of a module, which Python would not find"),
+        (["numpy"], "'numpy' is the name of a module, which Python would not find"),
         (["mine", "--from", "forageing"], "no experiment 'forageing' to begin with; is 'foraging'"),
         (
             ["mine", "--from", "/etc/passwd"],

@@ -41,7 +41,8 @@ HIGHEST_M = 6.0
 """Of a camera that has to see much: its pictures grow with its height, so that a millimetre has as
 many pixels as anywhere."""
 
-_TALLEST_M = 0.15
+TALLEST_M = 0.15
+"""The cameras see markers up to this height whole, and higher ones where there are such."""
 _MARGIN_M = 0.05
 _FEW: GridShape = (2, 2)
 
@@ -52,7 +53,7 @@ class TooLargeArena(LabError):
     exit_code = 2
 
 
-def rig(arena: Arena, grid: GridShape | None = None) -> list[Camera]:
+def rig(arena: Arena, grid: GridShape | None = None, tallest_m: float = TALLEST_M) -> list[Camera]:
     """Cameras that see a whole arena: "cam_0_0" and so on, column and row from low x and y.
 
     Each hangs above the middle of its part of the arena and sees at least 5 cm beyond it,
@@ -61,13 +62,14 @@ def rig(arena: Arena, grid: GridShape | None = None) -> list[Camera]:
     Args:
         grid: columns and rows; they hang higher than `HEIGHT_M`, with larger pictures, where they
             would not see everything. None: as many as are needed, two by two at least.
+        tallest_m: height of the highest marker.
 
     Raises:
         TooLargeArena: it takes more than `MOST_CAMERAS`, or a height of more than `HIGHEST_M`.
     """
     size = np.array(arena.size_m[:2])
-    columns, rows = grid = grid or _needed(arena)
-    height_m = float(np.max((size / grid / 2.0 + _MARGIN_M) / _slope())) + _TALLEST_M
+    columns, rows = grid = grid or _needed(arena, tallest_m)
+    height_m = float(np.max((size / grid / 2.0 + _MARGIN_M) / _slope())) + tallest_m
     height_m = max(HEIGHT_M, math.ceil(height_m * 1000.0) / 1000.0)
     who = f"arena of {size[0]:g} x {size[1]:g} m: {columns} x {rows} cameras"
     if columns * rows > MOST_CAMERAS:
@@ -89,9 +91,9 @@ def rig(arena: Arena, grid: GridShape | None = None) -> list[Camera]:
     ]
 
 
-def _needed(arena: Arena) -> GridShape:
+def _needed(arena: Arena, tallest_m: float) -> GridShape:
     """How many cameras see an arena from `HEIGHT_M`, in columns and rows."""
-    side_m = 2.0 * ((HEIGHT_M - _TALLEST_M) * _slope() - _MARGIN_M)
+    side_m = 2.0 * ((HEIGHT_M - tallest_m) * _slope() - _MARGIN_M)
     columns, rows = np.ceil(np.array(arena.size_m[:2]) / side_m).astype(int).tolist()
     return max(columns, _FEW[0]), max(rows, _FEW[1])
 
@@ -100,13 +102,16 @@ def _slope() -> NDArray[np.float64]:
     """How far the lab's cameras see to their right and up, (2,) for each metre of height."""
     test = camera_at("test", 0.0, 0.0)
     edges = np.array(((test.width_px - 1.0, test.cy_px), (test.cx_px, 0.0)))
-    return np.diag(test.to_plane(edges, _TALLEST_M)) / (HEIGHT_M - _TALLEST_M)
+    return np.diag(test.to_plane(edges, TALLEST_M)) / (HEIGHT_M - TALLEST_M)
 
 
 def cameras_above(experiment: Experiment, grid: GridShape | None) -> list[Camera]:
     """The cameras above the arena, or above what walls leave of one that is too large for four."""
     arena = experiment.arena
-    return rig(arena if _needed(arena) == _FEW else reachable(experiment), grid)
+    heights = (experiment.marker_height_m(body.tag) for body in experiment.bodies)
+    tallest_m = max([TALLEST_M, *heights])
+    is_small = _needed(arena, tallest_m) == _FEW
+    return rig(arena if is_small else reachable(experiment), grid, tallest_m)
 
 
 def camera_at(id: str, x_m: float, y_m: float, height_m: float = HEIGHT_M) -> Camera:

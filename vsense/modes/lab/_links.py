@@ -47,6 +47,7 @@ class FirmwareKind:
         byte_ns: duration of one byte on its serial line; 0 if it is on a bus.
         count: the field that counts the commands that reached it.
         driver: file of the shipped driver that its daemon starts; empty: it opens the line itself.
+        before: words before the driver's.
     """
 
     prefix: str
@@ -54,11 +55,14 @@ class FirmwareKind:
     byte_ns: int = 0
     count: str = "packets"
     driver: str = ""
+    before: tuple[str, ...] = ()
 
     def base(self, name: str, device: str) -> str:
         """A daemon's `--base` for that device, of a kind of that name."""
-        words = python_file(source_tree().drivers / self.driver) if self.driver else ()
-        return f"{name}:{shlex.join([*words, device])}"
+        if not self.driver:
+            return f"{name}:{device}"
+        words = [*self.before, *python_file(source_tree().drivers / self.driver)]
+        return f"exec:{shlex.join(words)} {device}"
 
 
 _ASERCOM = FirmwareKind("fw_asercom", (lib.EPUCK_ASERCOM_EXTENSION,), 43403)
@@ -70,6 +74,8 @@ PROGRAMS: dict[str, FirmwareKind] = {
     "york": FirmwareKind("fw_york", count="writes"),
     "exec": replace(_ASERCOM, driver="epuck.py"),
     "wifi": FirmwareKind("fw_wifi"),
+    "thymio": FirmwareKind("fw_wheels", (1300,), count="orders", driver="thymio.py"),
+    "ros2": FirmwareKind("fw_wheels", (32767,), count="orders", driver="ros2.py"),
 }
 
 

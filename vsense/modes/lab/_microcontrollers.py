@@ -11,10 +11,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.errors import VsenseError
 from vsense.base.native import lib
 from vsense.base.shared import LabError, LogFile, file_errors
 from vsense.modes.lab._air import Air
 from vsense.modes.lab._links import PROGRAMS, Bus, Link, make_link
+from vsense.modes.lab._ros2_robot import Ros2Robot
+from vsense.modes.lab._thymio import Dongle
+from vsense.world.robot_models import EPUCK, RobotModel
 
 ACTUATION = np.dtype(
     [
@@ -58,18 +62,25 @@ class Microcontrollers:
     """
 
     def __init__(
-        self, kinds: Sequence[str], watchdog: bool = False, grounded: bool = False
+        self,
+        kinds: Sequence[str],
+        watchdog: bool = False,
+        grounded: bool = False,
+        models: Sequence[RobotModel] = (),
     ) -> None:
-        """Powers one on for each of `kinds`, of `vsense.modes.lab.hardware.BASE_KINDS`.
+        """Powers one on for each of `kinds`, of `vsense.modes.lab._links.PROGRAMS`.
 
         Args:
             kinds: of each robot.
             watchdog: their firmware stops the motors when its host falls silent, as
                 `firmware_bridge/fw_watchdog.h` does and stock firmware does not.
             grounded: those on a bus have a ground board, and their daemons are told.
+            models: of the robots; without, they are e-pucks.
 
         Raises:
-            LabError: no such kind, or there are not that many pseudo-terminals or sockets.
+            LabError: no such kind, it is not for the robot's model, or there are not that many
+                pseudo-terminals or sockets.
+            VsenseError: a package is missing.
         """
         self.due_ns: int | None = None
         self.links: list[Link] = []
@@ -77,18 +88,20 @@ class Microcontrollers:
         self._busy: set[int] = set()
         try:
             for robot, kind in enumerate(kinds):
-                path = Path(self._folder.name) / f"{robot}.i2c"
-                wireless = kind == "wifi"
-                self.links.append(Air(PROGRAMS[kind], robot) if wireless else make_link(kind, path))
+                model = models[robot] if models else EPUCK
+                self.links.append(_link(kind, robot, Path(self._folder.name), model))
         except OSError as error:
             count = len(self.links)
             self.close()
             raise LabError(
                 f"emulated robots: {count} of {len(kinds)}, then: {error.strerror or error}"
             ) from None
-        except LabError:
+        except VsenseError:
             self.close()
             raise
+        self._power_on(kinds, watchdog, grounded)
+
+    def _power_on(self, kinds: Sequence[str], watchdog: bool, grounded: bool) -> None:
         for link in self.links:
             link.program.state.body.watchdog_us = WATCHDOG_US if watchdog else 0
         self.bases = [
@@ -96,6 +109,8 @@ class Microcontrollers:
             + (",ground" if grounded and isinstance(link, Bus) else "")
             for kind, link in zip(kinds, self.links)
         ]
+        self.wake()
+        self._plan()
 
     @property
     def devices(self) -> list[str]:
@@ -175,6 +190,16 @@ class Microcontrollers:
         dues = {robot: self.links[robot].due_ns for robot in self._busy}
         self._busy = {robot for robot, due_ns in dues.items() if due_ns is not None}
         self.due_ns = min((due for due in dues.values() if due is not None), default=None)
+
+
+def _link(kind: str, robot: int, folder: Path, model: RobotModel) -> Link:
+    if kind == "wifi":
+        return Air(PROGRAMS[kind], robot)
+    if kind == "thymio":
+        return Dongle(PROGRAMS[kind], model)
+    if kind == "ros2":
+        return Ros2Robot(PROGRAMS[kind], robot, folder, model)
+    return make_link(kind, folder / f"{robot}.i2c")
 
 
 class ActuationLog:

@@ -77,14 +77,15 @@ class PhysicsProcess:
         Raises:
             LabError: no terminals or sockets, no truth ring, or a log that cannot be written.
         """
-        self.controllers = Microcontrollers(spec.bases, spec.watchdog, bool(spec.black))
         self._physics = Physics(
             spec.robots, spec.objects, spec.boxes, now_ns, spec.cylinders, spec.built, spec.models
         )
+        models = self._physics.models[: len(spec.robots)]
+        kinds, grounded = spec.bases, bool(spec.black)
+        self.controllers = Microcontrollers(kinds, spec.watchdog, grounded, models)
         sensors = spec.sensors or [NOMINAL_SENSORS] * len(spec.robots)
         built = [np.array([getattr(s, n) for s in sensors]) for n in ("gains", "biases")]
         gains, biases = built if spec.sensors else (None, np.zeros((0, RING_SENSORS)))
-        models = self._physics.models[: len(spec.robots)]
         self._rings = ProximityRing(self._physics.near, spec.seed, gains, biases, models)
         self._ground = RealGround(spec.black, sensors, spec.seed) if spec.black else None
         self._wheels = NoisyWheels(spec.wheels, spec.seed, models)
@@ -238,7 +239,7 @@ class PhysicsHandle:
         truth: str,
         seed: int,
         directory: Path,
-        base: str,
+        base: str | None,
         watchdog: bool = False,
         hardware: Mapping[int, RobotHardware] = {},
         black: Sequence[tuple[float, float, float]] = (),
@@ -249,7 +250,7 @@ class PhysicsHandle:
             truth: name of the truth ring.
             seed: of the proximity sensors' noise.
             directory: of the log.
-            base: of all robots, of `vsense.modes.lab.hardware.BASES`.
+            base: what robots are based on, as `vsense.modes.lab.hardware.bases_of` takes it.
             watchdog, hardware, black: as in `Microcontrollers` and `LabRobots`.
 
         Raises:
@@ -258,7 +259,7 @@ class PhysicsHandle:
         self.log = directory / "actuations.bin"
         self._process, self._stdin, self._stdout = start_module("vsense.modes.lab._physics_process")
         spec = _spec(experiment, truth, seed, self.log, hardware, black)
-        spec["bases"] = bases_of(base, len(experiment.robots))
+        spec["bases"] = bases_of(base, _types(experiment))
         spec |= {"watchdog": watchdog, "permille": round(clock.pace() * 1000)}
         try:
             self._stdin.write(json.dumps(spec).encode() + b"\n")
@@ -334,6 +335,11 @@ def _spec(
         **({"built": built} if built else {}),
         **({"sensors": sensors} if sensors else {}),
     }
+
+
+def _types(experiment: Experiment) -> list[str]:
+    known = dict(experiment.casting.types)
+    return [known.get(robot.tag, "") for robot in experiment.robots]
 
 
 def _pose(body: RobotSpec | ObjectSpec) -> dict[str, float]:

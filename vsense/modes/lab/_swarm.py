@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.clock import pace
-from vsense.base.processes import describe_exit, end
+from vsense.base.processes import Lifeline, describe_exit, end
 from vsense.base.shared import LabError
 from vsense.config.specs import Experiment
 from vsense.modes.lab._metrics import UNKNOWN_AGE
@@ -93,6 +93,7 @@ class LabSwarm:
         self._directory = directory
         self._directory.mkdir(parents=True, exist_ok=True)
         self._processes: dict[int, subprocess.Popen[bytes]] = {}
+        self._lifeline = Lifeline()
         self.robots: list[LabRobot] = []
         self._ever: list[LabRobot] = []
 
@@ -124,17 +125,12 @@ class LabSwarm:
             command = self._command(robot)
             if (radio := self._radios.get(tag)) is not None:
                 self.radio_file(tag).write_text(radio.file_text())
-            script.write_text(
-                f"#!/bin/sh\n# Starts this robot's daemon again.\nexec {shlex.join(command)}\n"
-            )
+            words = f"exec {shlex.join(command)} <{self._lifeline.place}"
+            script.write_text(f"#!/bin/sh\n# Starts this robot's daemon again.\n{words}\n")
             script.chmod(0o755)
-            log = self.log(tag).open("ab")
+            self._processes[tag] = self._lifeline.start(command, self.log(tag))
         except OSError as error:
             raise LabError(f"{error.filename}: {error.strerror}") from None
-        with log:
-            self._processes[tag] = subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
-            )
         return robot
 
     def replace(
@@ -192,6 +188,7 @@ class LabSwarm:
         for process in self._processes.values():
             end(process)
         self._processes.clear()
+        self._lifeline.close()
         for robot in self.robots:
             self._key_file(robot).unlink(missing_ok=True)
 

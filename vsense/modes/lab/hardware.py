@@ -28,22 +28,34 @@ from vsense.world.robot_models import EPUCK, RobotModel
 
 Floats = NDArray[np.float64]
 
-_BOARDS = ("argos", "asercom", "gctronic", "york")
-BASE_KINDS = (*_BOARDS, "exec", "wifi")
+BASE_KINDS = ("argos", "asercom", "gctronic", "york", "exec", "wifi")
 """The names of `vsensed --base`."""
 
 MIXED = "mixed"
-"""One kind of board after the other; drivers and radios start their line again for ever."""
+"""One kind after the other."""
 
 BASES = (*BASE_KINDS, MIXED)
 
+_EMULATED = {**{kind: kind for kind in (*BASE_KINDS, "thymio", "ros2")}, "epuck": "exec"}
+"""What the lab makes of a roster's base, or shipped driver."""
 
-def bases_of(name: str, count: int) -> list[str]:
-    """The kind of base of each of `count` robots; UsageError where `name` is none of `BASES`."""
+
+def bases_of(name: str | None, types: Sequence[str]) -> list[str]:
+    """The kind of base of each robot, of `vsense.modes.lab._links.PROGRAMS`.
+
+    Args:
+        name: of `BASES`; None: as the roster says, and else the first of `BASES`.
+        types: of each robot, what the roster says, as `Casting.types`; "": nothing.
+
+    Raises:
+        UsageError: `name` is none of them.
+    """
+    if name is None:
+        return [_EMULATED.get(kind, BASES[0]) for kind in types]
     if name not in BASES:
         raise UsageError(f"no base {name!r} in the lab: expected one of {', '.join(BASES)}")
-    kinds = _BOARDS if name == MIXED else (name,)
-    return [kinds[robot % len(kinds)] for robot in range(count)]
+    kinds = BASE_KINDS if name == MIXED else (name,)
+    return [kinds[robot % len(kinds)] for robot in range(len(types))]
 
 
 _MOST_RATIO = 1.095
@@ -256,7 +268,7 @@ class EmulatedLab:
     """What a lab on this machine is made of.
 
     Attributes:
-        base: what robots are based on, of `BASES`.
+        base: what robots are based on, as `bases_of` takes it.
         firmware_watchdog: their firmware has one, as in `Microcontrollers`.
         cameras: columns and rows of them; None: as many as it takes.
         calibrate: they hang as people hang them, and are known from pictures of a board only.
@@ -264,7 +276,7 @@ class EmulatedLab:
         robots: what an experiment's robots differ in.
     """
 
-    base: str = BASES[0]
+    base: str | None = None
     firmware_watchdog: bool = False
     cameras: tuple[int, int] | None = None
     calibrate: bool = False

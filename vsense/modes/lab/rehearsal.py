@@ -112,7 +112,7 @@ class Rehearsal:
         experiment: Experiment,
         directory: Path,
         seed: int,
-        base: str,
+        base: str | None,
         watchdog: bool,
         address: tuple[str, int],
         keys: KeySource | None,

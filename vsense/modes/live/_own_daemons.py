@@ -14,7 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from vsense.base.clock import host_ns
-from vsense.base.processes import describe_exit, end
+from vsense.base.processes import Lifeline, describe_exit, end
 from vsense.base.terminal import Level
 from vsense.config.roster import Roster, RosterRobot, read
 from vsense.config.specs import Experiment, RobotSpec
@@ -43,6 +43,7 @@ class OwnDaemons:
         self._commands: dict[int, list[str]] = {}
         self._processes: dict[int, subprocess.Popen[bytes]] = {}
         self._again_ns: dict[int, int] = {}
+        self._lifeline = Lifeline()
 
     def serve(self, experiment: Experiment) -> None:
         """Has a daemon for each robot of an experiment that is reached from here, and no others.
@@ -90,18 +91,12 @@ class OwnDaemons:
     def close(self) -> None:
         """Ends all: their robots stop."""
         _stop([*self._processes.values()])
+        self._lifeline.close()
         self._folder.cleanup()
 
     def _start(self, tag: int) -> None:
         self._again_ns[tag] = host_ns() + AGAIN_NS
-        with self._log(tag).open("ab") as log:
-            self._processes[tag] = subprocess.Popen(
-                self._commands[tag],
-                stdin=subprocess.DEVNULL,
-                stdout=log,
-                stderr=log,
-                start_new_session=True,
-            )
+        self._processes[tag] = self._lifeline.start(self._commands[tag], self._log(tag))
 
     def _log(self, tag: int) -> Path:
         return Path(self._folder.name) / f"{tag}.log"

@@ -30,6 +30,7 @@ from vsense.modes.sim.outcome import Task
 from vsense.robots import build
 from vsense.robots.compiling import native
 from vsense.robots.sources import HOSTED, LUA, commit
+from vsense.world.robot_models import MODEL_SUFFIX, models_in
 
 MAX_NAME = 256
 """[byte] Longer texts are no file names, and the system refuses to look for them."""
@@ -105,8 +106,8 @@ _REQUIRED = re.compile(r"\brequire\s*\(?\s*[\"']([\w./-]+)[\"']")
 
 
 def named_files(path: Path) -> list[Path]:
-    """An experiment's file, every file that an attribute in it names, and what Python and Lua among
-    them import from beside them.
+    """An experiment's file, every file that an attribute in it names, models of robots, and
+    what Python and Lua among them import from beside them.
 
     The file is not parsed: ARGoS's files need not be well-formed.
     """
@@ -114,6 +115,8 @@ def named_files(path: Path) -> list[Path]:
 
     quoted = _QUOTED.findall(_text(path))
     values = {html.unescape(double or single) for double, single in quoted}
+    # Of models all: a setting may choose any.
+    values |= {f"{name}{MODEL_SUFFIX}" for name in models_in(path.parent)}
     named = (path.parent / value for value in sorted(values) if value and len(value) < MAX_NAME)
     return _with_imports([path, *(file for file in named if file.is_file())], path.parent)
 

@@ -7,11 +7,14 @@ waits, and the other way round. It is the simulation of `vsense sim`, in this pr
 from __future__ import annotations
 
 import operator
+import os
 import threading
+import weakref
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from queue import SimpleQueue
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -73,9 +76,6 @@ class SteppedSimulation:
 
     Attributes:
         experiment: what runs, but for the controller that is left out.
-        timestep: of the run, whose control step the robots are in.
-        done: the run is over.
-        finished: it was ended by its loop functions, before its length was over.
     """
 
     def __init__(
@@ -102,35 +102,47 @@ class SteppedSimulation:
         experiment, seed = _checked(experiment, seed)
         spec = stepped_controller(experiment, controller)
         build_host()
-        self.experiment, self.timestep, self.done, self.finished = experiment, -1, False, False
-        self._program: _SteppedProgram | None = None
-        self._leaves, self._error = False, None
-        self._asked, self._begun = 1, 0  # control steps; what is queued only wakes who waits
-        self._orders, self._news = SimpleQueue[None](), SimpleQueue[None]()
+        self.experiment, self._turns = experiment, _Turns()
         others = tuple(other for other in experiment.controllers if other is not spec)
         libraries = shared_objects(replace(experiment, controllers=others))
-        libraries[spec.id], openers = Path(spec.id), {spec.id: self._open}
+        libraries[spec.id], openers = Path(spec.id), {spec.id: self._turns.open}
         self._run = Simulation(experiment, libraries, seed, blind, openers=openers)
         tags = np.array(self._run.record.tags)
         self._rows = np.flatnonzero(np.isin(tags, self.swarm.tags))
         if draws:  # the world is then up to date in every timestep
             self._run.observe = lambda timestep: None
-        self._thread = threading.Thread(target=self._work, daemon=True)
+        # The thread keeps the run, and not this: who drops it has ended the run.
+        self._thread = threading.Thread(target=self._turns.work, args=(self._run,), daemon=True)
         self._thread.start()
-        self._wait()
+        self._process = os.getpid()
+        weakref.finalize(self, self._turns.leave)
+        self._turns.wait()
 
-    _error: BaseException | None
+    @property
+    def timestep(self) -> int:
+        """Of the run, whose control step the robots are in."""
+        return self._turns.begun - 1
+
+    @property
+    def done(self) -> bool:
+        """The run is over."""
+        return self._turns.done
+
+    @property
+    def finished(self) -> bool:
+        """It was ended by its loop functions, before its length was over."""
+        return self.done and self._run.environment.finished
 
     @property
     def swarm(self) -> Swarm:
         """The robots, in the order of `tags`."""
-        assert self._program is not None
-        return self._program.swarm
+        assert self._turns.program is not None
+        return self._turns.program.swarm
 
     @property
     def results(self) -> Mapping[str, Any]:
         """The experiment's measures now, by name."""
-        return self._run.environment.world.results
+        return MappingProxyType(self._run.environment.world.results)
 
     @property
     def poses(self) -> NDArray[np.float64]:
@@ -153,21 +165,24 @@ class SteppedSimulation:
         Raises:
             VsenseError: the run has failed.
             ValueError: it is over.
+            RuntimeError: this process was forked from the one that it runs in.
         """
-        self._wait()  # for one that Ctrl-C has interrupted
-        if self.done:
+        if os.getpid() != self._process:
+            raise RuntimeError("the simulation runs in the process that this one was forked from")
+        turns = self._turns
+        turns.wait()  # for one that Ctrl-C has interrupted
+        if turns.done:
             raise ValueError("the run is over")
-        self._asked = self._begun + 1
+        turns.ask()
         try:
-            self._wait()
+            turns.wait()
         except KeyboardInterrupt:
-            self._wait()  # what is seen then is of one timestep
+            turns.wait()  # what is seen then is of one timestep
             raise
 
     def close(self) -> None:
         """Ends the run."""
-        self._leaves = True
-        self._orders.put(None)
+        self._turns.leave()
         self._thread.join()
 
     def __enter__(self) -> SteppedSimulation:
@@ -176,43 +191,65 @@ class SteppedSimulation:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _wait(self) -> None:
+
+class _Turns:
+    """Whose turn it is: the caller's, or the run's, in its thread."""
+
+    def __init__(self) -> None:
+        self.done, self.program = False, None
+        self.asked, self.begun = 1, 0  # control steps; what is queued only wakes who waits
+        self._leaves, self._error = False, None
+        self._orders, self._news = SimpleQueue[None](), SimpleQueue[None]()
+
+    program: _SteppedProgram | None
+    _error: BaseException | None
+
+    def ask(self) -> None:
+        """One more control step is wanted."""
+        self.asked = self.begun + 1
+
+    def wait(self) -> None:
         """Until as many control steps have begun as were asked for. To be called again after an
         interruption anywhere in it: a queue's `get` is whole, or was not."""
-        if self._begun < self._asked and not self.done:
+        if self.begun < self.asked and not self.done:
             self._orders.put(None)
-        while self._begun < self._asked and not self.done:
+        while self.begun < self.asked and not self.done:
             self._news.get()
         if self._error is not None:
             error, self._error = self._error, None
             raise error
 
-    def _open(self, *arguments: Any, **named: Any) -> HostedProgram:
-        self._program = _SteppedProgram(self._turn, *arguments, **named)
-        return self._program
+    def leave(self) -> None:
+        """The run ends at its next control step."""
+        self._leaves = True
+        self._orders.put(None)
 
-    def _turn(self) -> None:
-        """In the run's thread: a control step begins, and waits for the caller."""
-        if self._leaves:
-            raise _Abandoned
-        self.timestep += 1
-        self._begun += 1
-        self._news.put(None)
-        while self._asked <= self._begun and not self._leaves:
-            self._orders.get()
-        if self._leaves:
-            raise _Abandoned
+    def open(self, *arguments: Any, **named: Any) -> HostedProgram:
+        """Makes the program of the robots."""
+        self.program = _SteppedProgram(self._turn, *arguments, **named)
+        return self.program
 
-    def _work(self) -> None:
+    def work(self, run: Simulation) -> None:
+        """The run, in its thread."""
         try:
-            self._run.run()
-            self.finished = self._run.environment.finished
+            run.run()
         except _Abandoned:
             pass
         except BaseException as error:
             self._error = error
         self.done = True
         self._news.put(None)
+
+    def _turn(self) -> None:
+        """In the run's thread: a control step begins, and waits for the caller."""
+        if self._leaves:
+            raise _Abandoned
+        self.begun += 1
+        self._news.put(None)
+        while self.asked <= self.begun and not self._leaves:
+            self._orders.get()
+        if self._leaves:
+            raise _Abandoned
 
 
 class _SteppedProgram(HostedProgram):

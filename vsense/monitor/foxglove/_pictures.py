@@ -77,20 +77,22 @@ def marks(
     images: Mapping[str, Sequence[Any]],
     names: Mapping[int, str],
     heights_m: Mapping[int, float],
+    radii_m: Mapping[int, float],
     shown: ShownScale,
     utc_ns: int,
 ) -> Data:
     """Circle, heading and name of each robot that was read in a camera's picture.
 
     `images` are this camera's rows of `/arena`'s `images`, in columns; `heights_m` the markers'
-    heights by tag.
+    heights and `radii_m` the bodies' radii by tag.
     """
     tags = list(map(int, images["tag"]))
     if not tags:
         return {"timestamp": _shapes.stamp(utc_ns), "circles": [], "points": [], "texts": []}
     size = np.array([shown.x, shown.y])
     centres = (np.column_stack((images["x_px"], images["y_px"])) + 0.5) * size
-    arms = _arms(camera, images, np.array([heights_m.get(tag, 0.0) for tag in tags])) * size
+    shapes = [(radii_m.get(tag, EPUCK.radius_m), heights_m.get(tag, 0.0)) for tag in tags]
+    arms = _arms(camera, images, np.array(shapes)) * size
     radii = np.hypot(arms[:, 0], arms[:, 1])
     stamp = _shapes.stamp(utc_ns)
     return {
@@ -105,13 +107,16 @@ def marks(
 
 
 def _arms(
-    camera: Camera, images: Mapping[str, Sequence[Any]], heights_m: NDArray[np.float64]
+    camera: Camera, images: Mapping[str, Sequence[Any]], shapes: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """From each centre to where the body's edge is along its heading, (n, 2) camera pixels."""
+    """From each centre to where the body's edge is along its heading, (n, 2) camera pixels.
+
+    `shapes` are (n, 2) radius and height of the marker [m].
+    """
     yaw = np.asarray(images["yaw_rad"], dtype=np.float64)
-    middles = np.column_stack((images["x_m"], images["y_m"], heights_m)).astype(np.float64)
+    middles = np.column_stack((images["x_m"], images["y_m"], shapes[:, 1])).astype(np.float64)
     flat = np.zeros_like(yaw)
-    edges = middles + EPUCK.radius_m * np.column_stack((np.cos(yaw), np.sin(yaw), flat))
+    edges = middles + shapes[:, :1] * np.column_stack((np.cos(yaw), np.sin(yaw), flat))
     return camera.project(edges) - camera.project(middles)
 
 

@@ -130,7 +130,9 @@ def _robot(thing: Mapping[str, Any]) -> Pieces:
     x_m, y_m = thing["x_m"], thing["y_m"]
     return {
         "cylinders": [_shapes.cylinder((x_m, y_m, 0.0), EPUCK.radius_m, EPUCK.height_m, _VIRTUAL)],
-        "arrows": [_heading((x_m, y_m, EPUCK.height_m), thing["yaw_rad"])],
+        "arrows": [
+            _shapes.arrow((x_m, y_m, EPUCK.height_m), thing["yaw_rad"], EPUCK.radius_m, _HEADING)
+        ],
         "texts": [_name(thing, (x_m, y_m, 1.5 * EPUCK.height_m))],
     }
 
@@ -142,54 +144,55 @@ def _name(thing: Mapping[str, Any], place: _shapes.Coordinates) -> Data:
     return _shapes.label(place, str(thing["id"]), _TEXT)
 
 
-def _heading(middle: _shapes.Coordinates, yaw_rad: float) -> Data:
-    """An arrow from the middle of a body's top to its edge."""
-    return _shapes.arrow(middle, yaw_rad, EPUCK.radius_m, _HEADING)
-
-
 def robots(
     seen: Mapping[int, bool],
     names: Mapping[int, str],
     objects: Iterable[int],
     height_m: Mapping[int, float],
+    radius_m: Mapping[int, float],
     utc_ns: int,
 ) -> Data:
     """The scene of the robots, each in its own frame: it moves with `/tf` alone.
 
     `seen`: whether a camera sees it now, by tag; `objects` are the tags of what is no robot;
-    `height_m` where the marker is, by tag.
+    `height_m` where the marker is, and `radius_m` of the body, by tag.
     """
     things = frozenset(objects)
     entities = []
     for tag, is_seen in seen.items():
         rgba = (_OBJECT if tag in things else _BODY) if is_seen else _UNSEEN
-        top_m = height_m.get(tag) or EPUCK.height_m
+        top_m, body_m = height_m.get(tag) or EPUCK.height_m, radius_m.get(tag, EPUCK.radius_m)
         pieces = {
-            "cylinders": [_shapes.cylinder((0.0, 0.0, 0.0), EPUCK.radius_m, top_m, rgba)],
-            "arrows": [_heading((0.0, 0.0, top_m), 0.0)],
+            "cylinders": [_shapes.cylinder((0.0, 0.0, 0.0), body_m, top_m, rgba)],
+            "arrows": [_shapes.arrow((0.0, 0.0, top_m), 0.0, body_m, _HEADING)],
             "texts": [_shapes.label((0.0, 0.0, 1.5 * top_m), names.get(tag, str(tag)), _TEXT)],
         }
         entities.append(_shapes.entity(utc_ns, _shapes.robot_frame(tag), f"robot {tag}", **pieces))
     return _shapes.scene(utc_ns, entities)
 
 
-def leds(lit: Mapping[int, int], virtual: Mapping[int, Sequence[float]], utc_ns: int) -> Data:
+def leds(
+    lit: Mapping[int, int],
+    virtual: Mapping[int, Sequence[float]],
+    radius_m: Mapping[int, float],
+    utc_ns: int,
+) -> Data:
     """The scene of LEDs that are on: the robots' own by their bits, and virtual ones by colour.
 
     Bits 0 to 7 are the ring, clockwise from the front, 8 the body, 9 the front.
     """
     entities = []
     for tag in sorted({*lit, *virtual}):
-        bits, balls = lit.get(tag, 0), []
+        bits, balls, body_m = lit.get(tag, 0), [], radius_m.get(tag, EPUCK.radius_m)
         for number in range(_RING):
             if bits >> number & 1:
                 turn = -2.0 * math.pi * number / _RING
-                place = (math.cos(turn) * EPUCK.radius_m, math.sin(turn) * EPUCK.radius_m, 0.05)
+                place = (math.cos(turn) * body_m, math.sin(turn) * body_m, 0.05)
                 balls.append(_shapes.sphere(place, _LED_M, _RED))
         if bits >> _RING & 1:
-            balls.append(_shapes.sphere((0.0, 0.0, 0.03), 2.1 * EPUCK.radius_m, (*_GREEN[:3], 0.4)))
+            balls.append(_shapes.sphere((0.0, 0.0, 0.03), 2.1 * body_m, (*_GREEN[:3], 0.4)))
         if bits >> (_RING + 1) & 1:
-            balls.append(_shapes.sphere((EPUCK.radius_m, 0.0, 0.03), _LED_M, _RED))
+            balls.append(_shapes.sphere((body_m, 0.0, 0.03), _LED_M, _RED))
         if tag in virtual:
             rgba = _shapes.from_bytes(virtual[tag])
             balls.append(_shapes.sphere((0.0, 0.0, EPUCK.height_m), 2.0 * _LED_M, rgba))

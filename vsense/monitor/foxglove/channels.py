@@ -108,6 +108,7 @@ class Channels:
         self._shown: dict[str, ShownScale] = {}
         self._names: dict[int, str] = {}
         self._heights_m: dict[int, float] = {}
+        self._radii_m: dict[int, float] = {}
         self._objects: tuple[int, ...] = ()
         self._lit: dict[int, int] = {}
         self._colors: dict[int, Sequence[float]] = {}
@@ -164,6 +165,8 @@ class Channels:
         robots, objects = list(data.get("robots") or ()), list(data.get("objects") or ())
         self._names = {int(row["tag"]): str(row["name"]) for row in robots + objects}
         self._heights_m = {int(row["tag"]): float(row["height_m"]) for row in robots}
+        radii = ((row, row.get("radius_m")) for row in robots + objects)
+        self._radii_m = {int(row["tag"]): float(radius) for row, radius in radii if radius}
         self._objects = tuple(int(row["tag"]) for row in objects)
         self._arena = data.get("arena")
         models = [camera["model"] for camera in data.get("cameras") or ()]
@@ -217,7 +220,7 @@ class Channels:
             yield self._derived_message(POSES, message, data)
         seen = {int(tag): bool(now) for tag, now in zip(robots["tag"], robots["seen"])}
         heights_m = self._heights_of(seen)
-        labels = self._names, self._objects, heights_m
+        labels = self._names, self._objects, heights_m, self._radii_m
         yield from self._if_new(
             *(ROBOTS_TOPIC, (seen, *labels), message),
             lambda utc_ns: _scene.robots(seen, *labels, utc_ns),
@@ -240,7 +243,11 @@ class Channels:
             own = {name: [column[row] for row in rows] for name, column in images.items()}
             data = _pictures.marks(
                 *(self._cameras[camera], own, self._names, self._heights_of(own["tag"])),
-                *(self._shown.get(camera, ShownScale()), message.time_ns + self._shift_ns),
+                *(
+                    self._radii_m,
+                    self._shown.get(camera, ShownScale()),
+                    message.time_ns + self._shift_ns,
+                ),
             )
             yield self._derived_message(topic, message, data)
 
@@ -260,9 +267,9 @@ class Channels:
         yield from self._of_leds(message)
 
     def _of_leds(self, message: Message) -> Iterator[Derived]:
-        lit, colors = self._lit, self._colors
-        make = lambda utc_ns: _scene.leds(lit, colors, utc_ns)  # noqa: E731
-        yield from self._if_new(LED_TOPIC, (lit, colors), message, make)
+        shown = self._lit, self._colors, self._radii_m
+        make = lambda utc_ns: _scene.leds(*shown, utc_ns)  # noqa: E731
+        yield from self._if_new(LED_TOPIC, shown, message, make)
 
     def _of_fields(self, message: Message) -> Iterator[Derived]:
         for field in message.data["fields"]:

@@ -26,7 +26,7 @@ from vsense.vision.cameras.camera import Camera
 from vsense.vision.cameras.grabber import Troubles
 from vsense.world.entities import Entity
 from vsense.world.fields import Field, Floor
-from vsense.world.robot_models import EPUCK
+from vsense.world.robot_models import EPUCK, WHEELS
 from vsense.world.sensors.base import VirtualSensor, layout_dtype
 from vsense.world.world import World
 
@@ -181,7 +181,13 @@ def experiment(facts: ExperimentFacts, environment: Environment) -> Data:
             "centre_m": list(arena.centre_m),
             **_fence(facts, spec),
         },
-        robots=[_body(r) | {"height_m": spec.marker_height_m(r.tag)} for r in spec.robots],
+        robots=[
+            _body(robot)
+            | {"height_m": spec.marker_height_m(robot.tag), "model": robot.model.name}
+            | {name: getattr(robot.model, name) for name in WHEELS}
+            | _driven(facts, spec, robot.tag)
+            for robot in spec.robots
+        ],
         objects=[_body(thing) for thing in spec.objects],
         controllers=[_controller(*which) for which in zip(spec.controllers, environment.equipment)],
         cameras=cameras(facts.cameras, facts.trackers, facts.masks),
@@ -193,6 +199,11 @@ def experiment(facts: ExperimentFacts, environment: Environment) -> Data:
 
 def _body(body: RobotSpec | ObjectSpec) -> Data:
     return {"tag": body.tag, "name": body.id, "radius_m": body.model.radius_m}
+
+
+def _driven(facts: ExperimentFacts, spec: Experiment, tag: int) -> Data:
+    """That a robot has no board, where that decides what stops it."""
+    return {"driven_here": True} if facts.command == "run" and tag in spec.casting.here else {}
 
 
 def _fence(facts: ExperimentFacts, spec: Experiment) -> Data:

@@ -26,7 +26,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -35,15 +35,15 @@ from numpy.typing import NDArray
 from vsense.base.arena import wrap_angle
 from vsense.monitor.recording.form import ExperimentMessage, RecordingError
 from vsense.monitor.recording.reader import Recording
-from vsense.world.robot_models import EPUCK
+from vsense.world.robot_models import EPUCK, WHEELS, RobotModel
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-HINDERED_M = 2.0 * EPUCK.radius_m + 0.03
-"""Who has another robot so near may be held or pushed by it."""
-AT_WALL_M = EPUCK.radius_m + 0.05
-"""Who is so near to the arena's border may be held by a wall, which is 2 cm thick."""
+HINDERED_M = 0.03
+"""Whose body is so near to another one may be held or pushed by it."""
+AT_WALL_M = 0.05
+"""Whose body is so near to the arena's border may be held by a wall, which is 2 cm thick."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,23 +52,25 @@ class WheelOrders:
 
     Attributes:
         times_s: (m,) since when; a speed is kept until the next one.
-        speeds: (m, 2) left and right [steps/s], those that an e-puck's motors make of them.
+        speeds: (m, 2) left and right [steps/s], those that its motors make of them.
+        step_m: way of a nominal wheel in a step.
     """
 
     times_s: Floats
     speeds: Floats
+    step_m: float
 
     def ways_m(self, times_s: Floats) -> Floats:
         """The ways that nominal wheels would have gone up to some times, (k, 2); NaN: not known."""
         spans = np.diff(self.times_s, append=self.times_s[-1:])[:, None] * self.speeds
-        ways = np.vstack((np.zeros((1, 2)), np.cumsum(spans, axis=0)[:-1])) * EPUCK.step_m
+        ways = np.vstack((np.zeros((1, 2)), np.cumsum(spans, axis=0)[:-1])) * self.step_m
         columns = [np.interp(times_s, self.times_s, ways[:, k], np.nan, np.nan) for k in (0, 1)]
         return np.stack(columns, axis=-1)
 
     def stood(self, times_s: Floats) -> Flags:
         """Whether both speeds were 0 for 0.5 s, and are up to 0.1 s after, (k,)."""
         turns = np.abs(self.speeds).sum(axis=1, keepdims=True).repeat(2, axis=1)
-        along = WheelOrders(self.times_s, turns)
+        along = WheelOrders(self.times_s, turns, self.step_m)
         ways = along.ways_m(times_s + 0.1) - along.ways_m(times_s - 0.5)
         return np.asarray(ways[:, 0] == 0.0)
 
@@ -84,6 +86,7 @@ class RunMotion:
         poses: (n, r, 3) x [m], y [m], yaw [rad]; NaN: not seen.
         free: (n, r) whether nobody and no wall was near.
         orders: of each robot; None: nothing is known.
+        axles_m: (r,) distances of their wheels, nominal.
         readings: by sensor's name and unit, (n, r, k) its values; NaN: not known.
     """
 
@@ -93,6 +96,7 @@ class RunMotion:
     poses: Floats
     free: Flags
     orders: tuple[WheelOrders | None, ...]
+    axles_m: Sequence[float]
     readings: Mapping[tuple[str, str], Floats]
 
     def still(self) -> Flags:
@@ -146,6 +150,7 @@ class _Gathered:
 
     def __init__(self, experiment: ExperimentMessage) -> None:
         self._experiment = experiment
+        self._models = [_model(robot) for robot in experiment.robots]
         self.tags = tuple(int(robot["tag"]) for robot in experiment.robots)
         self._row = {tag: row for row, tag in enumerate(self.tags)}
         self.times_ns: list[int] = []
@@ -172,19 +177,21 @@ class _Gathered:
         names = ("tag", "heard_ms", "left_steps_s", "right_steps_s")
         for tag, heard_ms, left, right in zip(*(data[name] for name in names)):
             if left is not None and tag in self._row:
-                told_ns = time_ns - (heard_ms or 0.0) * 1e6
-                self._orders[self._row[tag]].append(
-                    (told_ns, EPUCK.motor_speed(left), EPUCK.motor_speed(right))
-                )
+                told_ns, row = time_ns - (heard_ms or 0.0) * 1e6, self._row[tag]
+                turns = self._models[row].motor_speed
+                self._orders[row].append((told_ns, turns(left), turns(right)))
 
     def motion(self) -> RunMotion:
         """All of it, in seconds since the run's first picture."""
         zero_ns, poses = self.times_ns[0], np.array(self._poses)
         times_s = (np.array(self.times_ns) - zero_ns) / 1e9
-        orders = tuple(_orders(rows, zero_ns) for rows in self._orders)
-        free = _free(poses, self._experiment.arena or {})
+        told = zip(self._orders, self._models)
+        orders = tuple(_orders(rows, zero_ns, model.step_m) for rows, model in told)
+        radii_m = np.array([model.radius_m for model in self._models])
+        free = _free(poses, self._experiment.arena or {}, radii_m)
         step_s = float(self._experiment.timestep_s or 0.1)
-        return RunMotion(step_s, self.tags, times_s, poses, free, orders, self._values())
+        axles_m = [model.axle_m for model in self._models]
+        return RunMotion(step_s, self.tags, times_s, poses, free, orders, axles_m, self._values())
 
     def _values(self) -> dict[tuple[str, str], Floats]:
         """The readings at the times of the run, of the first controller's sensors."""
@@ -202,25 +209,34 @@ class _Gathered:
         return {(s["name"], s.get("unit") or ""): v for s, v in zip(sensors, tables)}
 
 
-def _orders(rows: list[tuple[float, float, float]], zero_ns: int) -> WheelOrders | None:
+def _model(robot: Mapping[str, Any]) -> RobotModel:
+    """An e-puck with what a recording says of a robot's body and wheels."""
+    told = {name: robot[name] for name in ("radius_m", *WHEELS) if name in robot}
+    return replace(EPUCK, **told)
+
+
+def _orders(
+    rows: list[tuple[float, float, float]], zero_ns: int, step_m: float
+) -> WheelOrders | None:
     """A robot's orders by time; None: fewer than two are known."""
     table = np.array(sorted(rows), np.float64).reshape(-1, 3)
     _, first = np.unique(table[:, 0], return_index=True)
     table = table[first]
     if len(table) < 2:
         return None
-    return WheelOrders((table[:, 0] - zero_ns) / 1e9, table[:, 1:])
+    return WheelOrders((table[:, 0] - zero_ns) / 1e9, table[:, 1:], step_m)
 
 
-def _free(poses: Floats, arena: Mapping[str, Any]) -> Flags:
+def _free(poses: Floats, arena: Mapping[str, Any], radii_m: Floats) -> Flags:
     """Where nobody and no border is near, (n, r)."""
     places = poses[..., :2]
     apart = np.linalg.norm(places[:, :, None] - places[:, None], axis=-1)
     apart[:, range(poses.shape[1]), range(poses.shape[1])] = np.inf
-    alone = ~(apart < HINDERED_M).any(axis=2) & np.isfinite(places).all(axis=2)
+    touching_m = radii_m[:, None] + radii_m
+    alone = ~(apart < touching_m + HINDERED_M).any(axis=2) & np.isfinite(places).all(axis=2)
     if not arena:
         return np.asarray(alone)
-    half = np.array(arena["size_m"][:2]) / 2.0 - AT_WALL_M
+    half = np.array(arena["size_m"][:2]) / 2.0 - (radii_m + AT_WALL_M)[:, None]
     inside = (np.abs(places - np.array(arena["centre_m"][:2])) < half).all(axis=2)
     return np.asarray(alone & inside)
 
@@ -300,6 +316,7 @@ def _nominal_ways(run: RunMotion, row: int, shift_s: float) -> Floats:
 def robots_of(runs: Sequence[RunMotion], shift_s: float) -> list[IdentifiedRobot]:
     """What was found of each robot of some runs, those of which enough is known, by tag."""
     rows: dict[int, list[Floats]] = {}
+    axles_m = {tag: axle_m for run in runs for tag, axle_m in zip(run.tags, run.axles_m)}
     for run in runs:
         forward, turn, good = run.steps()
         for row, tag in enumerate(run.tags):
@@ -308,10 +325,10 @@ def robots_of(runs: Sequence[RunMotion], shift_s: float) -> list[IdentifiedRobot
             table = np.column_stack((ways, forward[:, row], turn[:, row]))
             rows.setdefault(tag, []).append(table[here])
     tables = ((tag, np.concatenate(tables)) for tag, tables in sorted(rows.items()))
-    return [robot for tag, table in tables if (robot := _robot(tag, table)) is not None]
+    return [robot for tag, table in tables if (robot := _robot(tag, table, axles_m[tag]))]
 
 
-def _robot(tag: int, table: Floats) -> IdentifiedRobot | None:
+def _robot(tag: int, table: Floats, axle_m: float) -> IdentifiedRobot | None:
     """Fits one robot: (k, 4) nominal left and right [m], forward [m], turn [rad]."""
     if len(table) < FEWEST_STEPS:
         return None
@@ -326,7 +343,7 @@ def _robot(tag: int, table: Floats) -> IdentifiedRobot | None:
         steps=len(table),
         way_over_told=left * (1.0 + ratio) / 2.0,
         right_over_left=ratio if has_turned else None,
-        axle_over_nominal=left / (left_turn * EPUCK.axle_m) if has_turned else None,
+        axle_over_nominal=left / (left_turn * axle_m) if has_turned else None,
         forward_noise_mm=1e3 * spread(forward_residuals),
         turn_noise_deg=math.degrees(spread(turn_residuals)),
     )

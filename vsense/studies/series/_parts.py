@@ -19,6 +19,7 @@ from vsense.robots.sources import CodeOptions
 from vsense.run import asked
 from vsense.run.cast import Cast, recast, recast_parts
 from vsense.studies.series._plan import Condition, PlannedStart, SeriesPlan
+from vsense.world.robot_models import MODELS_FOLDER
 
 STAGES = {"sim": Stage.SIM, "lab": Stage.LAB, "run": Stage.RUN}
 
@@ -37,9 +38,11 @@ class PlannedExperiment:
 
     @property
     def files(self) -> set[Path]:
-        """The experiment's file, and those of its controllers and loop functions."""
+        """The experiment's file, and those of its controllers, loop functions and own models."""
         experiment, loop = self.experiment, self.experiment.loop_functions
         sources = {path for spec in experiment.controllers for path in spec.sources}
+        models = {body.model.file for body in experiment.bodies}
+        sources |= {file for file in models if file.parent != MODELS_FOLDER}
         return {experiment.path, *sources, *(() if loop is None else (loop.path,))}
 
 

@@ -247,8 +247,14 @@ class _Looks:
                 if verdict in (BETTER, NOT_WORSE) and pairs < fewest:
                     verdict = NOT_CLEAR
                 if verdict != NOT_CLEAR:
+                    self._check_measured(old, new)
                     break
         return Comparison(verdict, self.objective, margin, old, new, looks, making.path)
+
+    def _check_measured(self, old: Floats, new: Floats) -> None:
+        if self.objective.more and not (old.any() or new.any()):
+            words = f"{spoken(self.objective.measure)}: 0 in every run of both sides"
+            raise UsageError(f"{words}: nothing can be told by it; are the runs too short?")
 
     def _check_margin(self, old: Floats) -> None:
         mean, margin = float(old.mean()), self.margin
@@ -284,6 +290,9 @@ def _draw_looks(axes: Axes, answer: Comparison) -> None:
     axes.axhline(accepted, color="C1", linewidth=0.8, linestyle="--", label="margin")
     bars = (value - low, high - value)
     axes.errorbar(pairs, value, bars, fmt="o", color="C0", markersize=3.5, label="95 %")
+    if not pairs:
+        words = "too few pairs differ:\nno bounds are known"
+        axes.text(0.5, 0.5, words, transform=axes.transAxes, ha="center", va="bottom")
     axes.set_xscale("log", base=2)
     axes.margins(x=0.06)
     axes.set_xticks(pairs, list(map(str, pairs)))

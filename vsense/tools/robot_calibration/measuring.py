@@ -65,7 +65,7 @@ class EmulatedSwarm:
     """
 
     robots: LabRobots
-    base: str
+    base: str | None
     watchdog: bool
     pace: float
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import re
+import sys
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -116,6 +117,9 @@ def _checked(folder: Path) -> str:
         )
     if name in shipped() or name in source_tree().controllers():
         raise UsageError(f"{name!r} is the name of what comes with vsense: choose another one")
+    if name in (*sys.stdlib_module_names, "numpy", "cv2", "vsense"):
+        words = "is the name of a module, which Python would not find any more: choose another one"
+        raise UsageError(f"{name!r} {words}")
     if folder.is_symlink() or folder.exists():
         with failing_as(UsageError, f"cannot make {folder}"):
             if any(folder.iterdir()):

@@ -153,15 +153,15 @@ class Cell {
     const { tag, camera: which, x_px, y_px, yaw_px_rad } = arena.images;
     const index = arena.cameras.indexOf(camera.id);
     const ratio = canvas.width / Math.max(canvas.clientWidth, 1);
-    const size = this.#radius(zoom);
-    const thin = Math.max(1.5 * ratio, size * 0.16);
+    const near = this.#radius(zoom, store.experiment?.body_radius_m);
     /** @type {import("./names.js").Named[]} */
     const things = [];
     for (let row = 0; row < tag.length; row += 1) {
       if (which[row] !== index) continue;
       const [x, y] = [x_px[row] * zoom, y_px[row] * zoom];
+      const size = this.#radius(zoom, store.radii.get(tag[row]) ?? store.experiment?.body_radius_m);
       pen.strokeStyle = store.objects.has(tag[row]) ? colours.cone : "#37d0ff";
-      pen.lineWidth = thin;
+      pen.lineWidth = Math.max(1.5 * ratio, near * 0.16);
       pen.beginPath();
       pen.arc(x, y, size, 0, 2 * Math.PI);
       pen.moveTo(x, y);
@@ -174,17 +174,17 @@ class Cell {
     // The camera's own name stands above.
     const room = { left: 0, top: CAPTION_PX * ratio, right: camera.width_px * zoom, bottom: camera.height_px * zoom };
     const letters = Math.min(Math.max(12, canvas.clientWidth / 24), 14) * ratio;
-    this.names.write(pen, things, size, letters, room, words, { ink: "#fff", halo: "#000c", sign: "#fff" });
+    this.names.write(pen, things, near, letters, room, words, { ink: "#fff", halo: "#000c", sign: "#fff" });
   }
 
-  /** How large a robot is in the picture, about: as a share of the arena that a camera sees.
-   * @param {number} zoom */
-  #radius(zoom) {
-    const { experiment } = this.store;
-    if (!experiment) return 5;
-    const { arena, cameras, body_radius_m: body } = experiment;
-    const columns = Math.max(...cameras.map((camera) => camera.column)) + 1;
-    return Math.max(5, (1.25 * body * this.camera.width_px * zoom * columns) / arena.size_m[0]);
+  /** How large a body is in the picture; a lens that is not known is taken to see its share of the arena.
+   * @param {number} zoom @param {number} [body] its radius [m] */
+  #radius(zoom, body = 0) {
+    const { camera, store } = this;
+    const { arena, cameras } = store.experiment ?? {};
+    const columns = Math.max(...(cameras ?? [camera]).map(({ column }) => column)) + 1;
+    const lens = camera.model?.rotation && camera.model.fx_px / Math.abs(camera.model.position_m[2]);
+    return Math.max(5, 1.25 * body * zoom * (lens || (camera.width_px * columns) / (arena?.size_m[0] ?? 1)));
   }
 
   /** Says how the camera is.

@@ -114,6 +114,9 @@ export class Robot {
       ["controller", this.store.controller(tag)?.id || "–"],
       ["program", robot ? `${robot.controller ?? "–"} ${robot.hash ?? ""}` : "–"],
     ];
+    const known = this.store.experiment?.robots?.find((body) => body.tag === tag);
+    const alone = "the run's machine: where that or the link fails, only the robot stops itself";
+    if (known?.driven_here) facts.push(["driven from", alone]);
     const { part, uid } = this.store.part(tag);
     if (part !== undefined && part !== tag) facts.push(["role", `that of ${part}`]);
     if (uid) facts.push(["uid", uid]);

@@ -17,7 +17,7 @@ interface ExperimentMessage {
   timestep_s: number;
   length_s: number | null;
   arena: { size_m: Vector; centre_m: Vector; fence?: Fence };
-  robots: { tag: number; name: string; height_m: number; radius_m?: number }[];
+  robots: { tag: number; name: string; height_m: number; radius_m?: number; driven_here?: boolean }[];
   objects: { tag: number; name: string; radius_m?: number }[];
   controllers: Controller[];
   cameras: CameraDescription[];

@@ -1,0 +1,196 @@
+"""A robot of ROS 2 in the lab: it takes `cmd_vel`, and publishes `odom` and `scan`.
+
+It speaks DDS by the package cyclonedds, on this machine's own network alone and under a namespace
+of its own: no real robot hears it. See `Link` in `_links.py`.
+
+Source: the definitions of messages are those of ros2/common_interfaces and
+ros2/rcl_interfaces (builtin_interfaces), humble, field by field.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass, replace
+from math import pi
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vsense.base.errors import require
+from vsense.base.native import lib
+from vsense.modes.lab._links import NEVER_DUE_US, FirmwareKind, FirmwareProgram, Outputs
+from vsense.world.robot_models import RobotModel
+
+DEFINITIONS = {
+    "geometry_msgs/Vector3": "float64 x, float64 y, float64 z",
+    "geometry_msgs/Point": "float64 x, float64 y, float64 z",
+    "geometry_msgs/Quaternion": "float64 x, float64 y, float64 z, float64 w",
+    "geometry_msgs/Twist": "geometry_msgs/Vector3 linear, geometry_msgs/Vector3 angular",
+    "geometry_msgs/Pose": "geometry_msgs/Point position, geometry_msgs/Quaternion orientation",
+    "geometry_msgs/PoseWithCovariance": "geometry_msgs/Pose pose, float64[36] covariance",
+    "geometry_msgs/TwistWithCovariance": "geometry_msgs/Twist twist, float64[36] covariance",
+    "builtin_interfaces/Time": "int32 sec, uint32 nanosec",
+    "std_msgs/Header": "builtin_interfaces/Time stamp, string frame_id",
+    "nav_msgs/Odometry": "std_msgs/Header header, string child_frame_id"
+    ", geometry_msgs/PoseWithCovariance pose, geometry_msgs/TwistWithCovariance twist",
+    "sensor_msgs/LaserScan": "std_msgs/Header header, float32 angle_min, float32 angle_max"
+    ", float32 angle_increment, float32 time_increment, float32 scan_time, float32 range_min"
+    ", float32 range_max, float32[] ranges, float32[] intensities",
+}
+"""Each after those that it holds."""
+
+OWN_NETWORK = """<CycloneDDS><Domain><General>
+<Interfaces><NetworkInterface name="lo" /></Interfaces><AllowMulticast>false</AllowMulticast>
+</General><Discovery><ParticipantIndex>auto</ParticipantIndex>
+<MaxAutoParticipantIndex>119</MaxAutoParticipantIndex>
+<Peers><Peer address="127.0.0.1" /></Peers></Discovery></Domain></CycloneDDS>
+"""
+"""What CYCLONEDDS_URI names."""
+
+POLL_NS, TELL_NS = 5_000_000, 20_000_000
+"""How often it looks for orders, and tells what it measures."""
+
+BEAMS = 72
+RANGE_M = 4.0
+_SURE = 6.0
+"""By so many standard deviations a reading differs from that of nothing."""
+
+
+def message_types() -> dict[str, Any]:
+    """The messages' classes, as ROS 2 maps them to DDS: "nav_msgs/Odometry" and so on."""
+    from cyclonedds.idl import IdlStruct
+    from cyclonedds.idl import types as idl
+
+    made = dict[str, Any]()
+
+    def field_type(text: str) -> Any:
+        name, _, count = text.removesuffix("]").partition("[")
+        kind = str if name == "string" else made.get(name) or getattr(idl, name)
+        if name == text:
+            return kind
+        many: Any = idl.array if count else idl.sequence
+        return many[kind, int(count)] if count else many[kind]
+
+    for name, fields in DEFINITIONS.items():
+        package, _, short = name.partition("/")
+        pairs = [field.split() for field in fields.split(", ")]
+        held = {"__annotations__": {word: field_type(kind) for kind, word in pairs}}
+        typename = f"{package}::msg::dds_::{short}_"
+        message: Any = type(IdlStruct)
+        made[name] = dataclass(message(short, (IdlStruct,), held, typename=typename))
+    return made
+
+
+class Ros2Robot:
+    """A node behind DDS; see `Link`.
+
+    Attributes:
+        mute: it neither hears nor tells anything; a test breaks it.
+    """
+
+    def __init__(self, kind: FirmwareKind, robot: int, folder: Path, model: RobotModel) -> None:
+        """`folder` gets the file with what keeps it on this machine; raises as `require`."""
+        require("a robot of ROS 2 in the lab", "cyclonedds")
+        network = folder / "own_network.xml"
+        network.write_text(OWN_NETWORK)
+        os.environ["CYCLONEDDS_URI"] = uri = network.as_uri()
+        self.program = FirmwareProgram(replace(kind, before=("env", f"CYCLONEDDS_URI={uri}")))
+        name = f"lab_{os.getpid()}_{robot}"
+        most_m_s = round(model.v_max_m_s, 3)
+        self.device = f"--namespace {name} --axle {model.axle_m} --max {most_m_s}"
+        self.due_ns: int | None = 0
+        self.sent_bytes = self.lost_bytes = 0
+        self.mute = False
+        self._model, self._tell_ns = model, 0
+        self._connect(name)
+
+    def readable(self) -> int | None:
+        return None
+
+    def receive(self, now_ns: int) -> None: ...
+
+    def advance(self, now_ns: int) -> list[Outputs]:
+        if not self.mute:
+            for twist in self._orders.take(16):
+                self._drive(twist, now_ns)
+            if now_ns >= self._tell_ns:
+                self._tell_ns = now_ns + TELL_NS
+                self._tell(now_ns)
+        self.due_ns = now_ns + POLL_NS
+        due_us = self.program.due_us()
+        if due_us != NEVER_DUE_US:
+            self.due_ns = min(self.due_ns, due_us * 1000)
+        return self.program.advance(now_ns)
+
+    def faults(self) -> dict[str, int]:
+        return {}
+
+    def close(self) -> None:
+        del self._orders, self._odom, self._scan, self._domain
+
+    def _connect(self, name: str) -> None:
+        from cyclonedds.core import Policy, Qos
+        from cyclonedds.domain import DomainParticipant
+        from cyclonedds.pub import DataWriter
+        from cyclonedds.sub import DataReader
+        from cyclonedds.topic import Topic
+
+        self._types = kinds = message_types()
+        self._domain = domain = DomainParticipant(int(os.environ.get("ROS_DOMAIN_ID", "0")))
+        qos = Qos(Policy.Reliability.Reliable(10**8), Policy.History.KeepLast(1))
+        cmd_vel = Topic(domain, f"rt/{name}/cmd_vel", kinds["geometry_msgs/Twist"])
+        self._orders = DataReader(domain, cmd_vel, qos=qos)
+        odom = Topic(domain, f"rt/{name}/odom", kinds["nav_msgs/Odometry"])
+        self._odom = DataWriter(domain, odom, qos=qos)
+        scan = Topic(domain, f"rt/{name}/scan", kinds["sensor_msgs/LaserScan"])
+        self._scan = DataWriter(domain, scan, qos=qos)
+
+    def _drive(self, twist: Any, now_ns: int) -> None:
+        turn_m_s = twist.angular.z * self._model.axle_m / 2.0
+        speeds = (twist.linear.x - turn_m_s, twist.linear.x + turn_m_s)
+        left, right = (round(speed / self._model.step_m) for speed in speeds)
+        lib.fw_wheels_drive(self.program.state, left, right, now_ns // 1000)
+
+    def _tell(self, now_ns: int) -> None:
+        kinds, zeros = self._types, [0.0] * 36
+        vector, twist = kinds["geometry_msgs/Vector3"], kinds["geometry_msgs/Twist"]
+        stamp = kinds["builtin_interfaces/Time"](*divmod(now_ns, 1_000_000_000))
+        head = kinds["std_msgs/Header"](stamp, "odom")
+        nowhere = kinds["geometry_msgs/Point"](0.0, 0.0, 0.0)
+        pose = kinds["geometry_msgs/Pose"](
+            nowhere, kinds["geometry_msgs/Quaternion"](0.0, 0.0, 0.0, 1.0)
+        )
+        out = self.program.state.body.outputs
+        left, right = (
+            steps * self._model.step_m for steps in (out.left_steps_s, out.right_steps_s)
+        )
+        turn_rad_s = (right - left) / self._model.axle_m
+        moves = twist(vector((left + right) / 2.0, 0.0, 0.0), vector(0.0, 0.0, turn_rad_s))
+        self._odom.write(
+            kinds["nav_msgs/Odometry"](
+                head,
+                "base_link",
+                kinds["geometry_msgs/PoseWithCovariance"](pose, zeros),
+                kinds["geometry_msgs/TwistWithCovariance"](moves, zeros),
+            )
+        )
+        step = 2.0 * pi / BEAMS
+        self._scan.write(
+            kinds["sensor_msgs/LaserScan"](
+                head, 0.0, (BEAMS - 1) * step, step, 0.0, TELL_NS / 1e9, 0.0, RANGE_M,
+                self.ranges_m(), [],
+            )
+        )  # fmt: skip
+
+    def ranges_m(self) -> list[float]:
+        """What its scanner sees: where its model's sensors look, how near they read something."""
+        ring = self._model.ring
+        ranges = np.full(BEAMS, np.inf)
+        raw = self.program.proximity[: len(ring.places_m)]
+        away_m = np.interp(raw, ring.table_raw[::-1], ring.table_m[::-1])
+        from_m = np.hypot(*np.array(ring.places_m).reshape(-1, 2).T)
+        beams = np.round(ring.headings_rad / (2.0 * pi / BEAMS)).astype(int) % BEAMS
+        seen = raw > ring.table_raw[-1] + _SURE * ring.noise_raw
+        ranges[beams[seen]] = (from_m + away_m)[seen]
+        return [float(distance) for distance in ranges]
