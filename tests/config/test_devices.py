@@ -17,6 +17,8 @@ from vsense.config.experiment import load, read
 from vsense.config.placement import settle
 from vsense.config.specs import ControllerSpec, Experiment, Stage
 from vsense.modes.lab import _physics_process, _physics_spec
+from vsense.run._own_devices import OwnDevices
+from vsense.run.environment import Environment
 from vsense.world.entities import Box, Led
 from vsense.world.physics.motion import NoisyWheels
 from vsense.world.robot_models import EPUCK
@@ -233,8 +235,13 @@ CAMERA = (
 
 @pytest.mark.parametrize("stage", [Stage.SIM, Stage.LAB])
 def test_a_foot_bots_devices_are_virtual_and_fit_one_datagram(loaded: Read, stage: Stage) -> None:
+    """In the lab also beside a robot's own, which hosted controllers get with them."""
     for camera, least in (("", 14), (CAMERA, 7)):
-        (controller,) = loaded(FOOT_BOTS.replace("CAMERA", camera), stage).controllers
+        experiment = loaded(FOOT_BOTS.replace("CAMERA", camera), stage)
+        (controller,) = experiment.controllers
+        if stage is Stage.LAB:
+            least //= 2
+            OwnDevices(Environment(experiment, 1).tables["c"], [1], experiment.timestep_ns)
         layouts = {m.sensor.name: m.sensor.layout for m in controller.sensors}
         lists = {name: layouts.pop(name) for name in ("range_and_bearing",)}
         if camera:

@@ -267,13 +267,15 @@ def pass_over(element: Element, settings: Mapping[str, tuple[str, str]]) -> None
 
 _RINGS = ("footbot_light", "light", *PROXIMITY_SENSORS)
 _NUMBER_BYTES, _OTHER_BYTES, _STAMP_BYTES, _BLOB = 4, 64, 8, 5
+_OWN_BYTES = 304
 """Of a number, of a device that is no ring, and of what belongs to each on the wire, at most;
-numbers of an LED."""
+numbers of an LED; of all own devices of a robot, see `vsense.run._own_devices`."""
 
 
-def share_room(names: Sequence[str], scope: Scope) -> None:
+def share_room(names: Sequence[str], scope: Scope, is_sim: bool) -> None:
     """Gives lists of neighbours what other devices leave of a datagram, each at least a half if it
-    needs it; `names` are the elements. An e-puck's have as much room as ever."""
+    needs it; `names` are the elements. An e-puck's have as much room as ever. Where controllers on
+    the host drive robots, these have devices of their own, too."""
     model = scope.robots.model
     scope.heard_bytes = scope.seen_bytes = 0
     lists = ARGOS_HEARING, CAMERA_SENSORS
@@ -284,6 +286,7 @@ def share_room(names: Sequence[str], scope: Scope) -> None:
     others = [name for name in names if name not in (*lists[0], *lists[1])]
     taken = sum(ring if name in _RINGS else _OTHER_BYTES for name in others)
     room: int = lib.VS_SENSOR_BYTES - taken - len(names) * _STAMP_BYTES
+    room -= 0 if is_sim else _OWN_BYTES
     heard = _NUMBER_BYTES * (2 + scope.robots.message_bytes) * scope.most if hears else 0
     seen = _NUMBER_BYTES * _BLOB * (scope.leds + 1) if sees else 0
     scope.heard_bytes = max(min(heard, max(room // 2, room - seen)), _OTHER_BYTES)

@@ -213,7 +213,8 @@ def read_devices(
     for kind in _KINDS:
         for devices in mounted:
             scope.robots = devices.robots
-            argos.share_room([element.name for element in devices.section(kind)], scope)
+            names_here = [element.name for element in devices.section(kind)]
+            argos.share_room(names_here, scope, stage is Stage.SIM)
             _read_section(devices, kind, scope, media, rule)
     return mounted
 
