@@ -103,6 +103,9 @@ class CSimulator
 public:
     static CSimulator &GetInstance();
 
+    /* There is one, whatever it is called. */
+    CPhysicsEngine &GetPhysicsEngine(const std::string &) { return m_engine; }
+
     CSpace &GetSpace() { return m_space; }
     CLoopFunctions &GetLoopFunctions();
     TConfigurationNode &GetConfigurationRoot() { return m_root; }
@@ -134,6 +137,7 @@ private:
     CSimulator() : m_seed(0), m_max_clock(0), m_moves_robots(false), m_terminated(false) {}
 
     CSpace m_space;
+    CPhysicsEngine m_engine;
     TConfigurationNode m_root;
     std::string m_file;
     CRandom::CRNG *m_rng = nullptr;

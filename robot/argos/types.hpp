@@ -8,6 +8,7 @@
 #ifndef VS_ARGOS_TYPES_HPP
 #define VS_ARGOS_TYPES_HPP
 
+#include <cassert>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>

@@ -205,3 +205,45 @@ def test_wheels_come_out_as_in_argos(loaded: Read) -> None:
     speeds = many.apply(np.full((2000, 2), 400, dtype=np.int16)).astype(np.float64)
     assert speeds.std() == pytest.approx(math.hypot(40.0, 0.001 / EPUCK.step_m), rel=0.05)
     assert (many.apply(np.zeros((2000, 2), dtype=np.int16)) == 0).all()
+
+
+FOOT_BOTS = """<argos-configuration>
+<framework><experiment length="1" ticks_per_second="10" random_seed="1" /></framework>
+<controllers><c id="c" library="stand_still"><actuators>
+<differential_steering implementation="default" /><leds implementation="default" medium="leds" />
+<range_and_bearing implementation="default" /><footbot_turret implementation="default" />
+</actuators><sensors>
+<footbot_proximity implementation="default" /><footbot_light implementation="rot_z_only" />
+<footbot_motor_ground implementation="rot_z_only" />
+<footbot_base_ground implementation="rot_z_only" />
+<range_and_bearing implementation="medium" medium="rab" />CAMERA
+<positioning implementation="default" /></sensors></c></controllers>
+<arena size="9,9,1" center="0,0,0.5"><distribute>
+<position method="grid" center="0,0,0" distances="0.5,0.5,0" layout="5,8,1" />
+<orientation method="constant" values="0,0,0" />
+<entity quantity="40" max_trials="1"><foot-bot id="fb"><controller config="c" /></foot-bot></entity>
+</distribute></arena>
+<physics_engines><dynamics2d id="d" /></physics_engines>
+<media><led id="leds" /><range_and_bearing id="rab" /></media></argos-configuration>"""
+CAMERA = (
+    '<colored_blob_omnidirectional_camera implementation="rot_z_only" medium="leds" '
+    'noise_std_dev="0.1" />'
+)
+
+
+@pytest.mark.parametrize("stage", [Stage.SIM, Stage.LAB])
+def test_a_foot_bots_devices_are_virtual_and_fit_one_datagram(loaded: Read, stage: Stage) -> None:
+    for camera, least in (("", 14), (CAMERA, 7)):
+        (controller,) = loaded(FOOT_BOTS.replace("CAMERA", camera), stage).controllers
+        layouts = {m.sensor.name: m.sensor.layout for m in controller.sensors}
+        lists = {name: layouts.pop(name) for name in ("range_and_bearing",)}
+        if camera:
+            lists["omnidirectional_camera"] = layouts.pop("omnidirectional_camera")
+            assert "leds" in names(controller)
+        assert layouts == {
+            "proximity": "24*f4", "light": "24*f4", "ground": "4*f4", "base_ground": "8*f4",
+            "gps": "3*f4",
+        }  # fmt: skip
+        places = (int(lists["range_and_bearing"].partition("*")[0]) - 1) // 12
+        assert places >= least
+        assert served(controller)["actuators footbot_turret"] == "nothing serves it"

@@ -460,6 +460,19 @@ def test_a_repositorys_experiment_runs_as_it_is(repository: Path) -> None:
         assert lines[-1] == "destroyed 20"
 
 
+def test_cmake_says_what_a_name_is(repository: Path) -> None:
+    """Of what only CMake can know there is nothing."""
+    root = repository.parents[1]
+    with (root / "CMakeLists.txt").open("a") as file:
+        file.write(
+            'add_definitions("-DBRANCH=\\"${GIT_BRANCH}\\"")\nadd_compile_definitions(N=3)\n'
+        )
+    source = root / "controllers" / "sense" / "readings.cpp"
+    asserted = 'static_assert(sizeof(BRANCH) == 1 && N == 3, "as CMake says");\n'
+    source.write_text(asserted + source.read_text())
+    assert list(shared_objects(load(repository, stage=Stage.SIM))) == ["c"]
+
+
 def found(file: Path, code: CodeOptions | None = None) -> list[str]:
     return [path.name for path in load(file, code=code).controllers[0].sources]
 

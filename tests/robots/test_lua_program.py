@@ -189,13 +189,14 @@ def test_scripts_find_what_lies_beside_them_their_parameters_and_their_random_nu
     script = MINE.replace(
         "n = 0 end",
         "n = 0\\n   log(require('beside').words, ' ', robot.params.speed * 2, ' ', true)\\n"
+        "   log(math.pow(2, 5) + math.log10(100))\\n"
         "   logerr(robot.id, ' ', robot.random.uniform(3, 4), ' ', vector2(3, 4):length()) end",
     ).replace("\\n", "\n")
     for output in ("once", "again"):
         mine(script)
         assert cli.main(["sim", "mine.argos", "--duration", "1", "--output", output]) == 0
     once, again = (Path(f"{o}/events.csv").read_text() for o in ("once", "again"))
-    assert once == again and once.count("from beside 10 1") == 4
+    assert once == again and once.count("from beside 10 1") == 4 and once.count(": 34") == 4
     assert {file.name for file in named_files(Path("mine.argos"))} >= {"mine.lua", "beside.lua"}
     drawn = re.findall(r"e\d (3\.\d+) 5", once)
     assert len(set(drawn)) == 4

@@ -121,7 +121,7 @@ def test_what_stable_baselines_learns_drives(folder: Path) -> None:
     experiment = load_experiment(learnt_experiment(folder), robots=5, duration_s=30)
     runs = [experiment.simulate(seed, f"out-{seed}") for seed in range(1, 6)]
     distances = np.array([run.measured["light_distance_m"] for run in runs])
-    assert distances[:, 0].mean() > 1.0 and distances[:, -1].mean() < 0.5
+    assert distances[:, 0].mean() > 1.0 and distances[:, -1].mean() < 0.7
 
 
 LAB = 4

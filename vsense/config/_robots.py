@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from vsense.base.errors import UsageError
 from vsense.base.native import lib
 from vsense.base.xml.element import Element, shown
 from vsense.config import argos, geofence
@@ -19,6 +20,8 @@ from vsense.world.entities import VIRTUAL_TAG_MIN, Arena, Entity, VirtualRobot, 
 from vsense.world.robot_models import EPUCK, RobotModel, model_of
 from vsense.world.sensors.base import RobotSettings
 from vsense.world.world import MESSAGE_MAX
+
+MOST_MASS_RATIO = 100
 
 
 @dataclass(slots=True)
@@ -138,13 +141,23 @@ def _read_model(element: Element, bodies: ArenaContents) -> RobotModel:
     try:
         usual = argos.ROBOTS.get(element.name, EPUCK.name)
         return model_of(element.text("vs:model", usual), bodies.folder)
-    except WorldError as error:
+    except (WorldError, UsageError) as error:
         raise element.error(str(error), "vs:model") from None
 
 
 def check_models(controller: Element, bodies: ArenaContents) -> None:
-    """Refuses a controller for robots of several models: their sensors differ."""
+    """Refuses a controller for robots of several models: their sensors differ.
+
+    Bodies whose masses differ too much are refused, too: contacts of the heavy ones would not be
+    resolved where light ones touch each other.
+    """
     name = controller.text("id")
+    there: list[RobotSpec | ObjectSpec] = [*bodies.robots, *bodies.objects]
+    by_mass = sorted((body.model.mass_kg, body.model.name) for body in there)
+    (least_kg, light), (most_kg, heavy) = by_mass[0], by_mass[-1]
+    if most_kg > MOST_MASS_RATIO * least_kg:
+        words = f"{light} has {least_kg:g} kg in this arena, and {heavy} {most_kg:g} kg"
+        raise controller.error(f"{words}: expected at most {MOST_MASS_RATIO} times as much")
     models = {robot.model.name for robot in bodies.robots if robot.controller == name}
     if len(models) > 1:
         words = f"drives robots of the models {' and '.join(sorted(models))}"
@@ -172,7 +185,7 @@ def _read_settings(element: Element, model: RobotModel) -> RobotSettings:
         model,
         rab_range_m=element.number("rab_range", 0.001, 1000.0, "m", usual.rab_range_m),
         message_bytes=min(size, MESSAGE_MAX),
-        aperture_rad=element.angle("omnidirectional_camera_aperture", 0.1, 89.0, aperture_deg),
+        aperture_rad=element.angle("omnidirectional_camera_aperture", 0.1, 89.999, aperture_deg),
     )
 
 

@@ -169,10 +169,10 @@ def _read_solid(element: Element, name: str, place: Placing) -> bool:
     Walls do by default, other things do not.
     """
     if element.boolean("movable"):
-        element.number("mass", 0.001, 1000.0, "kg")
+        element.number("mass", 0.0, 1000.0, "kg")
         element.warn(f"{name!r} is movable: nobody can push it, only loop functions move it")
     elif element.has("mass"):
-        element.number("mass", 0.001, 1000.0, "kg")
+        element.number("mass", 0.0, 1000.0, "kg")
     physical = element.boolean("vs:physical", name.startswith(_WALL))
     # ARGoS lets boxes hang above the floor.
     if physical and place.position_m[2] != 0.0 and not element.document.lenient:

@@ -18,9 +18,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 from vsense.base.errors import ConfigError
+from vsense.base.native import lib
 from vsense.base.xml.element import Element
 from vsense.robots.build import source_tree
 from vsense.robots.sources import PROGRAM_SUFFIXES, ProgramSources
+from vsense.world.robot_models import EPUCK
+from vsense.world.sensors.base import Scope
 from vsense.world.sensors.quality import NOISES
 
 ROBOTS = {"e-puck": "epuck", "foot-bot": "footbot", "pi-puck": "pipuck", "pipuck": "pipuck"}
@@ -260,6 +263,31 @@ def pass_over(element: Element, settings: Mapping[str, tuple[str, str]]) -> None
             element.number(key, 0.0, _MAX_NUMBER)
         if instead:
             element.warn(f"{key} is not used: {instead}")
+
+
+_RINGS = ("footbot_light", "light", *PROXIMITY_SENSORS)
+_NUMBER_BYTES, _OTHER_BYTES, _STAMP_BYTES, _BLOB = 4, 64, 8, 5
+"""Of a number, of a device that is no ring, and of what belongs to each on the wire, at most;
+numbers of an LED."""
+
+
+def share_room(names: Sequence[str], scope: Scope) -> None:
+    """Gives lists of neighbours what other devices leave of a datagram, each at least a half if it
+    needs it; `names` are the elements. An e-puck's have as much room as ever."""
+    model = scope.robots.model
+    scope.heard_bytes = scope.seen_bytes = 0
+    lists = ARGOS_HEARING, CAMERA_SENSORS
+    hears, sees = (any(name in kind for name in names) for kind in lists)
+    if model == EPUCK or not (hears or sees):
+        return
+    ring = _NUMBER_BYTES * max(len(model.infrared.angles_rad), len(model.infrared.lines_m))
+    others = [name for name in names if name not in (*lists[0], *lists[1])]
+    taken = sum(ring if name in _RINGS else _OTHER_BYTES for name in others)
+    room: int = lib.VS_SENSOR_BYTES - taken - len(names) * _STAMP_BYTES
+    heard = _NUMBER_BYTES * (2 + scope.robots.message_bytes) * scope.most if hears else 0
+    seen = _NUMBER_BYTES * _BLOB * (scope.leds + 1) if sees else 0
+    scope.heard_bytes = max(min(heard, max(room // 2, room - seen)), _OTHER_BYTES)
+    scope.seen_bytes = max(room - scope.heard_bytes if hears else room, _OTHER_BYTES)
 
 
 PORTING_PAGE = "robot/README.md, 'Porting an ARGoS controller'"

@@ -213,6 +213,7 @@ def read_devices(
     for kind in _KINDS:
         for devices in mounted:
             scope.robots = devices.robots
+            argos.share_room([element.name for element in devices.section(kind)], scope)
             _read_section(devices, kind, scope, media, rule)
     return mounted
 

@@ -48,11 +48,13 @@ class Repository:
     Attributes:
         targets: by name.
         includes: folders of headers, each once.
+        definitions: what a compiler is told, "-DNAME=VALUE"; what only CMake knows is empty.
     """
 
     root: Path
     targets: dict[str, CMakeTarget] = field(default_factory=dict)
     includes: list[Path] = field(default_factory=list)
+    definitions: list[str] = field(default_factory=list)
 
     def sources(self, name: str) -> list[Path]:
         """The sources of a target and of all targets here that it is linked with, but ARGoS's."""
@@ -125,6 +127,10 @@ class _Reader:
             self.repository.targets[words[0]].links += words[1:]
         elif command in ("include_directories", "target_include_directories"):
             self._include(folder, words[command.startswith("target") :])
+        elif command in ("add_definitions", "add_compile_definitions"):
+            named = words if command == "add_definitions" else [f"-D{word}" for word in words]
+            plain = (word.replace('\\"', '"') for word in named if "$<" not in word)
+            self.repository.definitions += [word for word in plain if word.startswith("-D")]
 
     def _add(self, name: str, words: list[str], folder: Path, is_program: bool) -> None:
         there = self.repository.targets.get(name)

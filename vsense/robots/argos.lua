@@ -179,6 +179,16 @@ function spatial.rotate(a, turn)
    return a
 end
 
+-- What Lua 5.3 of Debian and Ubuntu has kept of 5.2
+
+math.atan2 = math.atan
+function math.pow(x, y) return x ^ y end
+function math.log10(x) return math.log(x, 10) end
+function math.sinh(x) return (math.exp(x) - math.exp(-x)) / 2 end
+function math.cosh(x) return (math.exp(x) + math.exp(-x)) / 2 end
+function math.tanh(x) return 1 - 2 / (math.exp(2 * x) + 1) end
+function math.ldexp(x, power) return x * 2.0 ^ power end
+
 -- Random numbers: a generator of this robot's own, xorshift64*, so that a seed repeats a run
 
 local bits = seed

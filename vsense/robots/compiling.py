@@ -16,7 +16,7 @@ from pathlib import Path
 
 from vsense.base.errors import VsenseError
 from vsense.base.terminal import Console
-from vsense.robots import _argos_code, _compiled
+from vsense.robots import _argos_code, _compiled, finding
 from vsense.robots.sources import HASH_DIGITS, ProgramSources, content, folders_digest, headers
 
 SECTIONS = ("-O2", "-ffunction-sections", "-fdata-sections")
@@ -323,6 +323,7 @@ class Sources:
         options: list[str] = []
         if source not in self.own_cxx:
             options = [f"-I{folder}" for folder in program.includes]
+            options += finding.definitions_of(source)
         elif source.stem == _argos_code.ENTRY:
             label, name = program.label, program.short_name
             options = [f'-DVS_ARGOS_LABEL="{label}"', f'-DVS_ARGOS_NAME="{name}"']

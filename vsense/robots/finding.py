@@ -105,6 +105,12 @@ def repository_of(source: Path) -> _cmake.Repository | None:
     return None if root is None or root == source.parent else repository_at(root)
 
 
+def definitions_of(source: Path) -> list[str]:
+    """What a compiler is told of names for a source, by its repository's CMake files."""
+    repository = repository_of(source)
+    return [] if repository is None else repository.definitions
+
+
 def complete(
     sources: Sequence[Path],
     label: str,

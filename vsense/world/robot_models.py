@@ -31,6 +31,8 @@ What follows is for virtual devices, and the e-puck's where a file lacks the tab
 from __future__ import annotations
 
 import math
+import os
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -51,6 +53,7 @@ Point = tuple[float, float]
 
 MODEL_SUFFIX = ".toml"
 MODELS_FOLDER = PACKAGE_FOLDER / "world" / "models"
+_NAME = re.compile(r"[\w.-]{1,64}")
 CURVES = ("epuck", "generic", "foot-bot", "distance")
 """How infrared sensors respond; the numbers of `enum vs_proximity_curve`."""
 
@@ -187,28 +190,32 @@ def model_of(name: str, folder: Path | None = None) -> RobotModel:
         UsageError: its file cannot be read.
         ConfigError: the file is wrong; the error names file, line, value and expectation.
     """
+    known = shipped_models()
+    if not _NAME.fullmatch(name):
+        raise WorldError(f"{name[:40]!r} is no name of a robot model; {instead(name[:40], known)}")
     own = None if folder is None else folder / f"{name}{MODEL_SUFFIX}"
-    if own is not None and "/" not in name and own.is_file():
+    if own is not None and os.path.lexists(own):
         return read_model(own)
-    if name not in shipped_models():
-        there = instead(name, [*shipped_models(), *_names(folder)])
+    if name not in known:
+        there = instead(name, [*known, *([] if folder is None else models_in(folder))])
         raise WorldError(f"there is no robot model {name!r}; {there}")
     return read_model(MODELS_FOLDER / f"{name}{MODEL_SUFFIX}")
 
 
 def shipped_models() -> tuple[str, ...]:
     """The names of the models that come with vsense."""
-    return tuple(sorted(_names(MODELS_FOLDER)))
+    return tuple(models_in(MODELS_FOLDER))
 
 
-def _names(folder: Path | None) -> list[str]:
-    return [] if folder is None else [file.stem for file in folder.glob(f"*{MODEL_SUFFIX}")]
+def models_in(folder: Path) -> list[str]:
+    """Names of the files in a folder that may be models: rosters and plans have no wheels."""
+    files = [file for file in sorted(folder.glob(f"*{MODEL_SUFFIX}")) if file.is_file()]
+    return [file.stem for file in files if "[wheels]" in file.read_text(errors="replace")]
 
 
-@cache
 def read_model(path: Path) -> RobotModel:
-    """The model of a file, read once; raises as `model_of`."""
-    return _read(path)
+    """The model of a file as it is now; raises as `model_of`."""
+    return _read(path, read_toml_text(path))
 
 
 def _numbers(least: float, most: float, sizes: Sequence[int]) -> Reader:
@@ -256,8 +263,8 @@ _SCHEMA: Mapping[str, Mapping[str, Reader]] = {
     "body": {
         "radius_m": _LENGTH,
         "height_m": _LENGTH,
-        "marker_height_m": _LENGTH,
-        "mass_kg": real(0.001, 1000.0, " kg"),
+        "marker_height_m": real(0.001, 0.99, " m"),
+        "mass_kg": real(0.001, 100.0, " kg"),
         "nose_m": _numbers(0.0, _MOST_M, (2,)),
     },
     "wheels": {
@@ -292,6 +299,10 @@ _OPTIONAL = {
 }  # fmt: skip
 """What tables may lack; only those of `_NEEDED` must be there."""
 _NEEDED = ("body", "wheels")
+_STEPS_MM = (0.12, 0.14)
+"""A step is the unit of wheels' speeds everywhere. An e-puck's is 0.1288 mm."""
+_BESIDE_M = 0.02
+"""Sensors may stick out so far."""
 _PARTS: Mapping[str, Callable[..., Any]] = {
     "ring": RingModel, "leds": LedModel, "infrared": InfraredModel, "generic": InfraredModel,
     "radio": RadioModel, "camera": CameraModel,
@@ -302,17 +313,21 @@ _LENT = ("infrared", "generic", "radio", "camera", "ground_m", "lamps_m")
 """What a model has of `_USUAL`, where its file says nothing else."""
 
 
-def _read(path: Path) -> RobotModel:
-    file = TomlFile(path, read_toml_text(path))
+@cache
+def _read(path: Path, text: str) -> RobotModel:
+    file = TomlFile(path, text)
     tables = file.read(_SCHEMA)
     for name, form in _SCHEMA.items():
         if name not in tables and name not in _NEEDED:
             continue
-        for key in (key for key in form if key not in tables.get(name, {})):
+        if name not in tables:
+            raise file.error(f"there is no table [{name}]")
+        for key in (key for key in form if key not in tables[name]):
             if key not in _OPTIONAL.get(name, ()):
                 raise file.error(f"[{name}] lacks {key}", name)
+    _check_wheels(file, tables["wheels"], tables["body"]["radius_m"])
     if "ring" in tables:
-        _check_ring(file, tables["ring"])
+        _check_ring(file, tables["ring"], tables["body"]["radius_m"])
     for name in {"infrared", "generic"} & tables.keys():
         _check_infrared(file, name, tables[name])
     known = {name: make(**tables[name]) for name, make in _PARTS.items() if name in tables}
@@ -320,7 +335,7 @@ def _read(path: Path) -> RobotModel:
     if "infrared" in known:
         known.setdefault("generic", replace(known["infrared"], curve=CURVES[1]))
     if path != _USUAL:
-        known = {name: getattr(read_model(_USUAL), name) for name in _LENT} | known
+        known = _lent(tables["body"]["radius_m"], tables["body"]["height_m"]) | known
     return RobotModel(file=path, **tables["body"], **tables["wheels"], **known)
 
 
@@ -334,15 +349,50 @@ def _check_infrared(file: TomlFile, name: str, table: Mapping[str, Any]) -> None
         raise file.error(f"places_rad {words}", name, "places_rad")
 
 
-def _check_ring(file: TomlFile, ring: Mapping[str, Any]) -> None:
-    """Refuses lists that do not belong together, and a table that does not rise."""
+def _lent(radius_m: float, height_m: float) -> dict[str, Any]:
+    """What an e-puck has, on a body of another size: rings as far outside of it."""
+    usual = read_model(_USUAL)
+    lent = {name: getattr(usual, name) for name in _LENT}
+    for name in ("infrared", "generic") if radius_m != usual.radius_m else ():
+        ring: InfraredModel = lent[name]
+        lent[name] = replace(
+            ring,
+            radius_m=radius_m + (ring.radius_m - usual.radius_m),
+            height_m=min(ring.height_m, height_m),
+        )
+    return lent
+
+
+def _check_wheels(file: TomlFile, wheels: Mapping[str, Any], radius_m: float) -> None:
+    """Refuses wheels that no robot of this size has, and steps that controllers do not count in."""
+    step_mm = 1000.0 * wheels["diameter_m"] * math.pi / wheels["steps_per_turn"]
+    if not _STEPS_MM[0] <= step_mm <= _STEPS_MM[1]:
+        expected = "expected {} to {}, as an e-puck's: a driver converts".format(*_STEPS_MM)
+        raise file.error(f"a step of {step_mm:.4g} mm, {expected}", "wheels", "diameter_m")
+    if wheels.get("timer_hz") and wheels["timer_hz"] < wheels["max_steps_s"]:
+        words = f"timer_hz: {wheels['timer_hz']} makes no {wheels['max_steps_s']} steps a second"
+        raise file.error(f"{words}; expected as many at least, or 0", "wheels", "timer_hz")
+    if not 0.2 * radius_m <= wheels["axle_m"] <= 2.0 * radius_m:
+        least, most = 0.2 * radius_m, 2.0 * radius_m
+        words = f"axle_m: expected {least:g} to {most:g} m within this body"
+        raise file.error(f"{words}; got {wheels['axle_m']:g}", "wheels", "axle_m")
+
+
+def _check_ring(file: TomlFile, ring: Mapping[str, Any], radius_m: float) -> None:
+    """Refuses lists that do not belong together, sensors elsewhere, and curves that are none."""
     for one, other in (("places_m", "headings_deg"), ("table_m", "table_raw")):
         if len(ring[one]) != len(ring[other]):
             words = f"has {len(ring[other])} numbers, expected {len(ring[one])} as {one}"
             raise file.error(f"{other} {words}", "ring", other)
     distances = ring["table_m"]
-    if any(b <= a for a, b in pairwise(distances)):
-        raise file.error("table_m: expected rising distances", "ring", "table_m")
+    if distances[0] != 0.0 or any(b <= a for a, b in pairwise(distances)):
+        raise file.error("table_m: expected rising distances from 0", "ring", "table_m")
+    if any(b > a for a, b in pairwise(ring["table_raw"])):
+        raise file.error("table_raw: expected readings that fall", "ring", "table_raw")
+    for place in ring["places_m"]:
+        if math.hypot(*place) > radius_m + _BESIDE_M:
+            words = f"places_m: {list(place)} is outside of the body of radius {radius_m:g} m"
+            raise file.error(words, "ring", "places_m")
 
 
 EPUCK = model_of("epuck")

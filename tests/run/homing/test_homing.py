@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from tests.bench.homing import HomingField
 from vsense.base.arena import POSE, ArenaState
 from vsense.config.specs import Pose
-from vsense.robots.link.table import STAY
+from vsense.robots.link.table import STAY, Goal
 from vsense.run.homing import _motion
 from vsense.run.homing._homing import Homing
 from vsense.run.homing.floor import DrivingFloor
@@ -170,6 +171,42 @@ def test_ways_lead_around_tagged_objects_and_robots_that_do_not_play() -> None:
     line = np.concatenate([np.linspace(*ends, 50) for ends in pairwise(way)])
     assert np.hypot(line[:, 0], line[:, 1]).min() > 2.0 * EPUCK.radius_m
     assert [arrival.tag for arrival in planned.arrivals()] == [1, 2]
+
+
+def test_each_robot_keeps_clear_of_the_bodies_that_there_are() -> None:
+    """Ways around a wide body are wide; small robots stand nearer to each other than to it."""
+    wide = {99: replace(EPUCK, radius_m=0.17)}
+    homes = {1: Pose(0.6, 0.0, 0.0), 2: Pose(0.6, 0.075, 0.0)}
+    floor = DrivingFloor(ARENA, radii_m=(EPUCK.radius_m, 0.17))
+    planned = Homing(homes, {}, dict.fromkeys(homes, "a"), floor, models=wide)
+    poses = {1: Pose(-0.6, 0.0, 0.0), 2: Pose(-0.6, 0.2, 0.0), 99: Pose(0.0, 0.0, 0.0)}
+    lines = {tag: [] for tag in homes}
+    for number in range(300):
+        goals = planned.step(state(number, poses), {})
+        if planned.done:
+            break
+        for tag, goal in goals.items():
+            poses[tag] = driven(poses[tag], goal)
+            lines[tag].append(poses[tag][:2])
+    assert planned.done and not planned.news
+    for line in lines.values():
+        assert np.hypot(*np.array(line).T).min() > 0.17 + EPUCK.radius_m + 0.015
+    assert math.dist(poses[1][:2], poses[2][:2]) < 0.17 + EPUCK.radius_m
+
+
+def driven(pose: Pose, goal: Goal) -> Pose:
+    """Where a robot is 0.1 s later by the law of `_motion`, without the daemon's whole numbers."""
+    far_m, aside = math.hypot(goal.x_mm, goal.y_mm) / 1e3, math.atan2(goal.y_mm, goal.x_mm)
+    if far_m < 0.005:
+        far_m, aside = 0.0, goal.heading / 1e4
+    most = _motion.TURN_MAX_RAD_S
+    turn = 0.1 * min(max(_motion.TURN_RATE_PER_S * aside, -most), most)
+    speed = min(_motion.MAX_M_S, _motion.RATE_PER_S * far_m)
+    ahead = 0.1 * speed * max(0.0, 1.0 - abs(aside) / _motion.NARROW_RAD)
+    yaw = pose.yaw_rad + turn / 2.0
+    return Pose(
+        pose.x_m + ahead * math.cos(yaw), pose.y_m + ahead * math.sin(yaw), pose.yaw_rad + turn
+    )
 
 
 def test_a_home_that_is_taken_goes_to_nobody_who_could_have_another() -> None:

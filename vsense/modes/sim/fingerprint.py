@@ -30,7 +30,7 @@ from vsense.modes.sim.outcome import Task
 from vsense.robots import build
 from vsense.robots.compiling import native
 from vsense.robots.sources import HOSTED, LUA, commit
-from vsense.world.robot_models import MODEL_SUFFIX, shipped_models
+from vsense.world.robot_models import MODEL_SUFFIX, models_in
 
 MAX_NAME = 256
 """[byte] Longer texts are no file names, and the system refuses to look for them."""
@@ -115,7 +115,8 @@ def named_files(path: Path) -> list[Path]:
 
     quoted = _QUOTED.findall(_text(path))
     values = {html.unescape(double or single) for double, single in quoted}
-    values |= {f"{name}{MODEL_SUFFIX}" for name in {*values, *shipped_models()}}
+    # Of models all: a setting may choose any.
+    values |= {f"{name}{MODEL_SUFFIX}" for name in models_in(path.parent)}
     named = (path.parent / value for value in sorted(values) if value and len(value) < MAX_NAME)
     return _with_imports([path, *(file for file in named if file.is_file())], path.parent)
 

@@ -173,7 +173,7 @@ class SteppedSimulation:
         turns.wait()  # for one that Ctrl-C has interrupted
         if turns.done:
             raise ValueError("the run is over")
-        turns.asked = turns.begun + 1
+        turns.ask()
         try:
             turns.wait()
         except KeyboardInterrupt:
@@ -203,6 +203,10 @@ class _Turns:
 
     program: _SteppedProgram | None
     _error: BaseException | None
+
+    def ask(self) -> None:
+        """One more control step is wanted."""
+        self.asked = self.begun + 1
 
     def wait(self) -> None:
         """Until as many control steps have begun as were asked for. To be called again after an

@@ -20,19 +20,22 @@ from vsense.run.homing._assignment import Way, assign, straight_m
 from vsense.run.homing._motion import MAX_M_S, braked_m_s, carrot_m, in_frame
 from vsense.run.homing._traffic import Decision, Traffic, decide
 from vsense.run.homing.floor import DrivingFloor
-from vsense.run.homing.robots import LIMITS, Arrival, HomingLimits, Traveller, Trouble
-from vsense.world.robot_models import EPUCK
+from vsense.run.homing.robots import (
+    EXTRA_STANDING_M,
+    LIMITS,
+    MIN_GAP_M,
+    ROBOT_GAP_M,
+    WALL_GAP_M,
+    Arrival,
+    HomingLimits,
+    Traveller,
+    Trouble,
+    apart_m,
+)  # fmt: skip
+from vsense.world.robot_models import EPUCK, RobotModel
 
 Floats = NDArray[np.float64]
 
-ROBOT_SPACING_M = 2.0 * EPUCK.radius_m + 0.018
-"""Distance of two robots' centres; less where their homes are nearer to each other."""
-MIN_SPACING_M = 2.0 * EPUCK.radius_m + 0.003
-"""The least distance of two centres."""
-EXTRA_STANDING_M, EXTRA_UNSEEN_M = 0.01, 0.03
-"""Added to the distance from robots that cannot move, and from those that are not seen."""
-WALL_GAP_M = EPUCK.radius_m + 0.012
-"""Distance of a centre from walls; less where its home is nearer."""
 YIELD_M_S = 0.06
 """The speed with which a robot at its home makes way for others."""
 
@@ -74,15 +77,16 @@ class Homing:
         kinds: Mapping[int, Hashable],
         floor: DrivingFloor,
         limits: HomingLimits = LIMITS,
+        models: Mapping[int, RobotModel] = {},
     ) -> None:
-        self.robots = {t: Traveller(t, names.get(t, ""), home, home) for t, home in homes.items()}
+        self._models = models
+        self.robots = {
+            tag: Traveller(tag, names.get(tag, ""), home, home, models.get(tag, EPUCK))
+            for tag, home in homes.items()
+        }
         self.done = False
         self.news: list[str] = []
         self._kinds, self._floor, self._limits = dict(kinds), floor, limits
-        # How much more room the largest robot takes than an e-puck.
-        wider_m = 2.0 * (floor.radius_m - EPUCK.radius_m)
-        self._spacing_m, self._least_m = ROBOT_SPACING_M + wider_m, MIN_SPACING_M + wider_m
-        self._gap_m = WALL_GAP_M + wider_m / 2.0
         self._begun_ns: int | None = None
         self._newest_ns = self._spent_ns = 0
         self._assigned_for: frozenset[int] | None = None
@@ -169,7 +173,9 @@ class Homing:
             pose = Pose(x_m, y_m, yaw_rad)
             robot = self.robots.get(tag) or self._bystanders.get(tag)
             if robot is None:
-                robot = self._bystanders[tag] = Traveller(tag, "", pose, pose, given_up=True)
+                robot = self._bystanders[tag] = Traveller(
+                    tag, "", pose, pose, self._models.get(tag, EPUCK), given_up=True
+                )
                 self._headings, self._driven = (
                     np.append(done, 0.0) for done in (self._headings, self._driven)
                 )
@@ -233,16 +239,19 @@ class Homing:
 
     def _way_m(self, fixed: list[Traveller]) -> Way:
         """The length of paths around walls; infinite to a home on which a robot stands."""
-        taken = [r.pose for r in fixed if r.pose is not None]
+        taken = [(r.pose, r.radius_m + MIN_GAP_M) for r in fixed if r.pose is not None]
+        # Only robots of one kind exchange places: who goes there is as large as whose home it is.
+        radius_at = {robot.own: robot.radius_m for robot in self.robots.values()}
         lengths_m = dict[tuple[Pose, Pose], float]()
 
         def measure(place: Pose, home: Pose) -> float:
-            if any(straight_m(home, other) < self._least_m for other in taken):
+            radius_m = radius_at[home]
+            if any(straight_m(home, other) < radius_m + room_m for other, room_m in taken):
                 return math.inf
             if self._floor.is_open:
                 return straight_m(place, home)
             if (place, home) not in lengths_m:
-                way = self._floor.way(place[:2], home[:2], self._gap_m)
+                way = self._floor.way(place[:2], home[:2], radius_m + WALL_GAP_M)
                 points = [place[:2], *(way or [])]
                 length_m = sum(map(math.dist, points, points[1:]))
                 lengths_m[place, home] = length_m if way else math.inf
@@ -287,8 +296,10 @@ class Homing:
             speeds=speeds,
             reach_m=np.where(ends, [min(r.left_m, 1e3) for r in robots], math.inf),
             order=order,
-            apart_m=self._apart_m(robots, np.where(moves[:, np.newaxis], homes, poses[:, :2])),
-            room_m=np.minimum(self._gap_m, self._floor.clearance_m(homes) - 0.003),
+            apart_m=apart_m(robots, np.where(moves[:, np.newaxis], homes, poses[:, :2])),
+            room_m=np.minimum(
+                [robot.room_m for robot in robots], self._floor.clearance_m(homes) - 0.003
+            ),
             headings=self._headings,
             driven=self._driven,
         )
@@ -297,23 +308,11 @@ class Homing:
         """The key of the order of decisions: waiting time, then length of path; home comes last."""
         return robot.near, -robot.priority, self._rank.get(robot.tag, 0)
 
-    def _apart_m(self, robots: list[Traveller], ends: Floats) -> Floats:
-        """(n, n) distances of centres; `ends` (n, 2) is where each is going to stand."""
-        away = ends[:, np.newaxis] - ends[np.newaxis]
-        between = np.hypot(away[..., 0], away[..., 1]) - 0.004
-        np.fill_diagonal(between, math.inf)
-        more = [
-            0.0 if r.moves else EXTRA_UNSEEN_M if r.trouble is Trouble.UNSEEN else EXTRA_STANDING_M
-            for r in robots
-        ]
-        wanted = self._spacing_m + np.maximum(*np.meshgrid(more, more))
-        return np.asarray(np.maximum(np.minimum(wanted, between), self._least_m))
-
     def _discs(self, now_ns: int, but: Traveller | None = None) -> Floats:
         """(k, 3) obstacles for paths: robots that cannot move; for robot `but` all that stand."""
-        wide_m = self._spacing_m + EXTRA_STANDING_M - self._gap_m + 0.01
+        more_m = ROBOT_GAP_M + EXTRA_STANDING_M - WALL_GAP_M + 0.01
         rows = [
-            (*r.pose[:2], wide_m)
+            (*r.pose[:2], r.radius_m + more_m)
             for r in self._all
             if r.pose is not None and r is not but and (not r.moves or (but and r.near))
         ]
@@ -347,14 +346,14 @@ class Homing:
         """Plans a path, unless the present one is clear."""
         assert robot.pose is not None
         here, home = robot.pose[:2], robot.home[:2]
-        is_clear = partial(self._floor.is_clear, here, room_m=self._gap_m, discs=discs)
+        is_clear = partial(self._floor.is_clear, here, room_m=robot.room_m, discs=discs)
         if robot.way and not replan and is_clear(robot.way[0]):
             if len(robot.way) > 1 and is_clear(robot.way[1]):
                 robot.way.pop(0)
             return
-        way = self._floor.way(here, home, self._gap_m, discs)
+        way = self._floor.way(here, home, robot.room_m, discs)
         if way is None and replan:
-            way = self._floor.way(here, home, self._gap_m, self._discs(now_ns))
+            way = self._floor.way(here, home, robot.room_m, self._discs(now_ns))
         if way is None and robot.trouble is Trouble.NONE:
             robot.trouble = Trouble.BLOCKED
             self._hindered_ns[robot.tag] = now_ns

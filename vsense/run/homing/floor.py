@@ -40,7 +40,7 @@ class DrivingFloor:
         boxes: (b, 5) x_m, y_m, yaw_rad, size_x_m, size_y_m.
         posts: (c, 3) x_m, y_m, radius_m.
         fence: robots keep inside of it; None: the arena's border is all.
-        radius_m: of the largest robot.
+        radii_m: of the smallest and the largest robot.
     """
 
     def __init__(
@@ -49,9 +49,9 @@ class DrivingFloor:
         boxes: ArrayLike = (),
         posts: ArrayLike = (),
         fence: Geofence | None = None,
-        radius_m: float = EPUCK.radius_m,
+        radii_m: tuple[float, float] = (EPUCK.radius_m, EPUCK.radius_m),
     ) -> None:
-        self.radius_m = radius_m
+        self._smallest_m, self._largest_m = radii_m
         self._fence = fence
         self._boxes = np.asarray(boxes, dtype=np.float64).reshape(-1, 5)
         self._posts = np.asarray(posts, dtype=np.float64).reshape(-1, 3)
@@ -69,10 +69,10 @@ class DrivingFloor:
         if virtual_walls:
             boxes = [e for e in experiment.entities if isinstance(e, Box)]
             posts = [e for e in experiment.entities if isinstance(e, Cylinder)]
-        models = [robot.model for robot in experiment.robots]
-        largest_m = max([EPUCK.radius_m, *(model.radius_m for model in models)])
+        radii = sorted(robot.model.radius_m for robot in experiment.robots)
+        extremes = radii[0], radii[-1]
         walls = obstacles(boxes, posts, experiment.tallest_m)
-        return cls(experiment.arena, *walls, fence=experiment.geofence, radius_m=largest_m)
+        return cls(experiment.arena, *walls, fence=experiment.geofence, radii_m=extremes)
 
     @property
     def is_open(self) -> bool:
@@ -82,7 +82,7 @@ class DrivingFloor:
     def _inner(self) -> NDArray[np.bool_]:
         """Which boxes are no walls along the arena's border."""
         away = np.abs(self._boxes[:, :2] - self._centre) - self._half
-        return np.asarray((away < -2.0 * self.radius_m).all(axis=1))
+        return np.asarray((away < -2.0 * self._smallest_m).all(axis=1))
 
     def clearance_m(self, points: Floats, discs: Floats = NO_DISCS) -> Floats:
         """How far points are from the nearest wall or disc.
@@ -120,7 +120,7 @@ class DrivingFloor:
         free = self.clearance_m(line, discs)
         needed = np.full(count, room_m)
         for index in (0, -1):
-            near = np.abs(share[:, 0] - share[index, 0]) * length_m < 2.0 * self.radius_m
+            near = np.abs(share[:, 0] - share[index, 0]) * length_m < 2.0 * self._largest_m
             needed[near] = np.minimum(needed[near], free[index])
         return bool((free >= needed - 1e-9).all())
 

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 
+import numpy as np
+from numpy.typing import NDArray
+
 from vsense.base.arena import wrap_angle
 from vsense.config.specs import Pose
+from vsense.world.robot_models import EPUCK, RobotModel
 
 TURN_M, DRIVE_M = 0.008, 0.015
 """A robot turns to its heading within the first distance from its home, and drives again beyond
@@ -56,6 +61,15 @@ class HomingLimits:
 
 LIMITS = HomingLimits()
 
+ROBOT_GAP_M = 0.018
+"""Between the bodies of two robots; less where their homes are nearer to each other."""
+MIN_GAP_M = 0.003
+"""The least distance of two bodies."""
+EXTRA_STANDING_M, EXTRA_UNSEEN_M = 0.01, 0.03
+"""Added to the distance from robots that cannot move, and from those that are not seen."""
+WALL_GAP_M = 0.012
+"""Between a robot's body and walls; less where its home is nearer."""
+
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
@@ -76,6 +90,7 @@ class Traveller:
     Attributes:
         home: where it is to stand.
         own: where it would stand without any exchange.
+        model: what kind of robot it is.
         pose: where it was seen last; None: it never was.
         seen_ns: when.
         trouble: why it does not drive now; NONE: it drives, or is there.
@@ -95,6 +110,7 @@ class Traveller:
     name: str
     home: Pose
     own: Pose
+    model: RobotModel = EPUCK
     pose: Pose | None = None
     seen_ns: int = 0
     trouble: Trouble = Trouble.NONE
@@ -116,6 +132,16 @@ class Traveller:
     def label(self) -> str:
         """The robot for people."""
         return f"robot {self.tag}"
+
+    @property
+    def radius_m(self) -> float:
+        """How large its body is."""
+        return self.model.radius_m
+
+    @property
+    def room_m(self) -> float:
+        """How far its middle keeps from walls."""
+        return self.radius_m + WALL_GAP_M
 
     @property
     def left_m(self) -> float:
@@ -195,3 +221,18 @@ class Traveller:
         if self.left_m < self.best_m - 0.03 or self.near:
             self.best_m, self.best_ns = self.left_m, now_ns
         return now_ns - self.best_ns < most_ns
+
+
+def apart_m(robots: Sequence[Traveller], ends: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, n) distances of centres; `ends` (n, 2) is where each is going to stand."""
+    away = ends[:, np.newaxis] - ends[np.newaxis]
+    between = np.hypot(away[..., 0], away[..., 1]) - 0.004
+    np.fill_diagonal(between, math.inf)
+    more = [
+        0.0 if r.moves else EXTRA_UNSEEN_M if r.trouble is Trouble.UNSEEN else EXTRA_STANDING_M
+        for r in robots
+    ]
+    radii = np.array([robot.radius_m for robot in robots])
+    touching = radii[:, np.newaxis] + radii
+    wanted = (touching + ROBOT_GAP_M) + np.maximum(*np.meshgrid(more, more))
+    return np.asarray(np.maximum(np.minimum(wanted, between), touching + MIN_GAP_M))

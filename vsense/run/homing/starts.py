@@ -105,6 +105,7 @@ class Starts:
             self.kinds(),
             DrivingFloor.of(settled, self.virtual_walls),
             self.limits,
+            settled.models,
         )
 
 

@@ -52,6 +52,7 @@ class Facts:
     objects: Mapping[int, str]
     controllers: Mapping[int, str]
     body_radius_m: float
+    radii_m: Mapping[int, float]
     file_text: str
     calibration: str
 
@@ -73,7 +74,8 @@ class Facts:
 def read_facts(data: Mapping[str, Any]) -> Facts:
     """Reads the data of `/experiment`; what is missing or damaged stays unknown."""
     experiment = ExperimentMessage.read(data)
-    timestep_s, radius_m = number(experiment.timestep_s), number(experiment.body_radius_m)
+    timestep_s = number(experiment.timestep_s)
+    radius_m = _radius_m(experiment.body_radius_m, EPUCK.radius_m)
     length_s = number(experiment.length_s)
     if timestep_s is None or not TIMESTEPS_S[0] <= timestep_s <= TIMESTEPS_S[1]:
         timestep_s = TIMESTEP_S
@@ -89,10 +91,20 @@ def read_facts(data: Mapping[str, Any]) -> Facts:
         robots=_names(experiment.robots),
         objects=_names(experiment.objects),
         controllers=_controllers(experiment),
-        body_radius_m=radius_m if radius_m is not None and 0.0 < radius_m < 1.0 else EPUCK.radius_m,
+        body_radius_m=radius_m,
+        radii_m={
+            row["tag"]: _radius_m(row.get("radius_m"), radius_m)
+            for row in (*experiment.robots, *experiment.objects)
+            if isinstance(row.get("tag"), int)
+        },
         file_text=experiment.file_text,
         calibration=calibration_words(experiment.calibration or {}),
     )
+
+
+def _radius_m(value: Any, usual_m: float) -> float:
+    radius_m = number(value)
+    return radius_m if radius_m is not None and 0.0 < radius_m < 1.0 else usual_m
 
 
 def number(value: Any) -> float | None:

@@ -139,6 +139,8 @@ class Scope:
         most: how many robots there are.
         leds: how many LEDs of others a robot may see.
         watched: loop functions look at the LEDs of robots.
+        heard_bytes, seen_bytes: how much of a datagram the lists of messages and of LEDs may take;
+            0: as an e-puck's.
     """
 
     tags: Mapping[str, int]
@@ -153,6 +155,8 @@ class Scope:
     most: int = 1
     leds: int = 0
     watched: bool = False
+    heard_bytes: int = 0
+    seen_bytes: int = 0
 
     def tag(self, element: Element, attribute: str, default: str) -> int:
         """Reads an attribute that names a tagged thing; ConfigError where there is none."""

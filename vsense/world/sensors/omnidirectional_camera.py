@@ -165,7 +165,7 @@ def _place(thing: Box | Cylinder, offset_m: tuple[float, float, float]) -> tuple
 def from_argos(element: Element, scope: Scope) -> OmnidirectionalCamera:
     """Makes the sensor that one of ARGoS's elements asks for."""
     wanted = max(scope.leds, 1)
-    places = min(wanted, _BYTES // (4 * _COLUMNS))
+    places = min(wanted, (scope.seen_bytes or _BYTES) // (4 * _COLUMNS))
     if places < wanted:
         element.warn(f"sees at most the {places} nearest LEDs: a datagram has no room for more")
     height_m = scope.robots.model.camera.height_m

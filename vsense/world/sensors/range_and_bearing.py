@@ -164,7 +164,7 @@ def from_argos(element: Element, scope: Scope) -> RangeAndBearingSensor:
         wanted = element.integer("max_packets", 1, _MAX_PACKETS, _MAX_PACKETS)
         loss = element.number("loss_probability", 0.0, 1.0, default=0.0)
     wanted = max(min(wanted, scope.most - 1), 1)
-    places = min(wanted, _ARGOS_BYTES // (4 * (2 + size)))
+    places = min(wanted, (scope.heard_bytes or _ARGOS_BYTES) // (4 * (2 + size)))
     if places < wanted:
         element.warn(f"hears at most {places} messages in a timestep: a datagram has no room")
     noise_m = element.number("noise_std_dev", 0.0, _MAX_NOISE_M, "m", 0.0)
