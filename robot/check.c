@@ -18,6 +18,7 @@
 #include "number.h"
 #include "report.h"
 #include "uid.h"
+#include "wiggle.h"
 #include "../c_src/vs_posix.h"
 
 #define LINE_MAX_BYTES 500
@@ -226,6 +227,23 @@ static int hand_back(struct vs_base *base)
     return err;
 }
 
+#ifdef VSENSED_DRIVERS
+static int wiggle(struct vs_base *base, struct vs_base_reading *reading)
+{
+    int32_t way[2];
+    int err = vs_wiggle(base, reading, way);
+
+    if (err != VS_OK)
+        return say("wiggle", 0, "the base failed while it turned: %s",
+                   base->news != NULL ? base->news : vs_base_trouble(err));
+    if (!reading->has_steps)
+        return say("wiggle", 1, "told to turn left and back; it counts no steps: has it?");
+    return say("wiggle", way[0] <= -VS_WIGGLE_LEAST && way[1] >= VS_WIGGLE_LEAST,
+               "left wheel %d steps, right wheel %d, and back; expected about -%d and %d",
+               way[0], way[1], VS_WIGGLE_STEPS_S / 2, VS_WIGGLE_STEPS_S / 2);
+}
+#endif
+
 /* Whether the boards that the robot should have answer, too. */
 static int check_boards(struct vs_base *base)
 {
@@ -264,6 +282,10 @@ static int check_base(const struct vs_options *o)
     err = ask(&base, &reading);
     if (err == VS_OK) {
         good = check_boards(&base);
+#ifdef VSENSED_DRIVERS
+        if (o->wiggle)
+            good &= wiggle(&base, &reading);
+#endif
         reading.boards = base.boards.reading;
         err = hand_back(&base);
     }

@@ -304,7 +304,11 @@ void vs_options_init(struct vs_options *options)
 static int is_flag(const char *name)
 {
     return strcmp(name, "--check") == 0 || strcmp(name, "--identify") == 0 ||
-           strcmp(name, "--insecure") == 0;
+           strcmp(name, "--insecure") == 0
+#ifdef VSENSED_DRIVERS
+           || strcmp(name, "--wiggle") == 0
+#endif
+        ;
 }
 
 const char *vs_options_config(int argc, char *const argv[])
@@ -350,6 +354,10 @@ enum vs_options_result vs_options_read(struct vs_options *options, int argc, cha
             return VS_OPTIONS_VERSION;
         if (is_flag(argv[i])) {
             options->check |= strcmp(argv[i], "--check") == 0;
+#ifdef VSENSED_DRIVERS
+            options->wiggle |= strcmp(argv[i], "--wiggle") == 0;
+            options->check |= options->wiggle;
+#endif
             options->insecure |= strcmp(argv[i], "--insecure") == 0;
             options->identify |= strcmp(argv[i], "--identify") == 0;
             i++;

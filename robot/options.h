@@ -32,6 +32,7 @@ struct vs_options {
     uint8_t has_uid;
     uint8_t has_tag;
     uint8_t check;                    /* look whether all is well, and end */
+    uint8_t wiggle;                   /* with it: turn the robot a little, too */
     uint8_t identify;                 /* print the uid, and end */
     char *const *argv;                /* the whole command line */
     struct vs_base_config base;

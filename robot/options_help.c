@@ -31,6 +31,9 @@ const char vs_options_help[] =
     "                   it has 200 more (default: 0, never)\n"
     "  --check          look whether clock, network, host and base are well, say what is\n"
     "                   wrong and how to mend it, and end: 0 all well, 1 not\n"
+#ifdef VSENSED_DRIVERS
+    "  --wiggle         as --check, and turn the robot a little on its place, there and back\n"
+#endif
     "  --identify       print the uid that the host will see and where it is from, and end\n"
     "  --version        print the version and the controller, and end\n"
     "  --help           print this and end\n"

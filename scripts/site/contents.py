@@ -40,6 +40,7 @@ SECTIONS: dict[str, tuple[str, ...]] = {
         "vsense/studies/series/README.md",
         "vsense/studies/benchmark/README.md",
         "vsense/modes/live/SHARING.md",
+        "robot/WHICH_ROBOT.md",
         "vsense/modes/live/HARDWARE.md",
         "vsense/monitor/ui/README.md",
     ),

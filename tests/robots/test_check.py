@@ -42,6 +42,20 @@ def test_all_is_well(idle: Rig, check: Check) -> None:
     assert not idle.host.connected, "nobody's session is taken"
 
 
+@pytest.mark.parametrize("kind", ["gctronic", "exec", "wifi", "thymio"])
+def test_a_robot_that_is_new_turns_a_little_and_back(rigs: Callable[..., Rig], kind: str) -> None:
+    if kind == "thymio":
+        pytest.importorskip("thymiodirect", reason="pip install vsense[thymio]")
+    rig = rigs(kind=kind)
+    daemon = rig.begin("--check", "--wiggle", *rig.words())
+    rig.wait_for(lambda: daemon.process.poll() is not None, "the end of the check", 60)
+    lines = [line for line in daemon.printed.splitlines() if line.startswith("wiggle")]
+    assert lines and lines[0].startswith("wiggle   ok   left wheel -"), daemon.printed + daemon.said
+    speeds = [(a.left_steps_s, a.right_steps_s) for a in rig.applied]
+    turns = [next(iter(pair)) for pair in dict.fromkeys(speeds) if any(pair)]
+    assert len(turns) == 2 and turns[0] < 0 < turns[1] == -turns[0] and speeds[-1] == (0, 0)
+
+
 def test_the_boards_watchdog_is_looked_for_but_not_started(idle: Rig, check: Check) -> None:
     _, said = check(watchdog="/dev/null")
     assert said["watchdog"] == "ok   /dev/null is there; whether it is free a start tells"

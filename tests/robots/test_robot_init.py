@@ -5,12 +5,25 @@ The `ssh` is that of `boards`: a folder for each board.
 
 from __future__ import annotations
 
+import io
 import json
+import os
+import select
+import shlex
+import time
+import tty
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
+from threading import Event, Thread
+from typing import Any
 
 import pytest
 
+from scripts.site.blocks import blocks
+from tests.rigs.places import ROOT
+from tests.robots.rig import Rig
 from vsense import cli
 from vsense.commands import robot_init
 from vsense.config import roster
@@ -214,3 +227,148 @@ def test_cameras_that_give_no_picture_write_nothing(boards, tmp_path, monkeypatc
     assert init("--robots", "3", "--tracking", *files) == 1
     assert "no camera gave a picture; nothing is written" in capsys.readouterr().err
     assert not (tmp_path / "robots.toml").exists()
+
+
+class Terminal(io.StringIO):
+    """Somebody who types these lines."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.fixture
+def alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path / "robots.toml"
+
+
+@contextmanager
+def living(rig: Rig) -> Iterator[None]:
+    """An emulated robot that lives by itself."""
+    over = Event()
+
+    def live() -> None:
+        while not over.is_set():
+            rig.live()
+
+    thread = Thread(target=live)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
+
+
+def test_first_contact_with_a_robot_without_a_board(
+    alone: Path, rigs: Callable[..., Rig], capsys: pytest.CaptureFixture[str]
+) -> None:
+    rig = rigs(kind="wifi")
+    words = ("--add", "red", "--model", "epuck2", "--address", rig.device, "--tag", "23")
+    with living(rig):
+        assert init(*words, "--wiggle") == 0
+    said = capsys.readouterr().err
+    assert "robot 23 (red): wiggle   ok   left wheel -" in said
+    assert 'in the experiment it is <e-puck vs:model="epuck2">' in said
+    (robot,) = roster.read(alone).robots
+    assert (robot.tag, robot.name, robot.base) == (23, "red", f"wifi:{rig.device}")
+    assert {a.left_steps_s for a in rig.applied} == {0, -200, 200}
+
+
+def test_first_contact_asks_a_person(
+    alone: Path, rigs: Callable[..., Rig], monkeypatch: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rig = rigs(kind="wifi")
+    monkeypatch.setattr("sys.stdin", Terminal(f"epuck2\n{rig.device}\n\n"))
+    with living(rig):
+        assert init("--add", "red") == 0
+    said = capsys.readouterr().err
+    assert "Which robot is it: epuck, pipuck, epuck2," in said
+    assert "Where is it: its own address on the Wi-Fi, such as 192.168.1.40: " in said
+    assert f"Which marker does it wear [{APART[0]}]: " in said
+    (robot,) = roster.read(alone).robots
+    assert (robot.tag, robot.base) == (APART[0], f"wifi:{rig.device}")
+    assert {a.left_steps_s for a in rig.applied} == {0}, "it was asked without moving"
+    monkeypatch.setattr("sys.stdin", Terminal("\n"))
+    assert init("--add", "blue") == 2, "an address has no usual one"
+    assert len(roster.read(alone).robots) == 1
+
+
+def test_first_contact_says_what_fails_and_keeps_what_was_told(
+    alone: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ("--add", "red", "--model", "epuck2", "--address", "127.0.0.1:9")
+    assert init(*words) == 1
+    assert "base     BAD  wifi on 127.0.0.1:9: nobody answers" in capsys.readouterr().err
+    assert [robot.name for robot in roster.read(alone).robots] == ["red"]
+    assert init("--model", "epuck2") == 2 and init("--wiggle", "--robots", "3") == 2
+    assert "expected --add NAME, too" in capsys.readouterr().err
+
+
+PAGE = ROOT / "robot" / "WHICH_ROBOT.md"
+
+
+class RoverFirmware(Thread):
+    """The page's rover behind its cable: `speed LEFT RIGHT` in mm/s, two ticks a millimetre."""
+
+    def __init__(self) -> None:
+        super().__init__(daemon=True)
+        self._line, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        self.device, self.over = os.ttyname(self._slave), False
+        self.speeds = [(0, 0)]
+
+    def run(self) -> None:
+        ticks, since_s, data = [0.0, 0.0], time.monotonic(), b""
+        while not self.over:
+            if not select.select([self._line], [], [], 0.05)[0]:
+                continue
+            data += os.read(self._line, 4096)
+            *lines, data = data.split(b"\n")
+            for line in lines:
+                now_s = time.monotonic()
+                ticks = [t + 2 * v * (now_s - since_s) for t, v in zip(ticks, self.speeds[-1])]
+                since_s = now_s
+                left, right = map(int, line.split()[1:])
+                self.speeds.append((left, right))
+                os.write(self._line, b"ticks %d %d 7400\n" % (ticks[0], ticks[1]))
+        os.close(self._line)
+        os.close(self._slave)
+
+
+def test_a_robot_of_ones_own_in_an_afternoon(
+    alone: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The page, typed: its driver, model, experiment and commands; only the cable is emulated."""
+    pytest.importorskip("serial", reason="pip install vsense[thymio]")
+    section = PAGE.read_text().partition("\n## A robot of your own in an afternoon\n")[2]
+    files = {block.file: block.text for block in blocks(section) if block.file}
+    assert list(files) == ["rover.py", "rover.toml", "rover.argos", "wander.py"]
+    for name, text in files.items():
+        (alone.parent / name).write_text(text)
+    shell = [command for block in blocks(section) for command in block.commands()]
+    sim, lab, meet = (shlex.split(command)[1:] for command in shell)
+    assert cli.main([*sim, "--duration", "5", "--output", "sim"]) == 0
+    assert cli.main([*lab, "--duration", "5", "--port", "0", "--output", "lab"]) == 0
+    rover = RoverFirmware()
+    rover.start()
+    try:
+        assert cli.main([word.replace("/dev/ttyUSB0", rover.device) for word in meet]) == 0
+    finally:
+        rover.over = True
+        rover.join()
+    said = capsys.readouterr().err
+    assert "robot 23 (rover): base     ok" in said and "robot 23 (rover): wiggle   ok" in said
+    turned = [pair for pair in dict.fromkeys(rover.speeds) if any(pair)]
+    # 200 steps of 0.129 mm a second, cut to whole millimetres
+    assert turned == [(-25, 25), (25, -25)] and rover.speeds[-1] == (0, 0)
+
+
+def test_a_robot_with_a_board_does_not_turn_from_here(
+    boards: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert init("--add", "old", "--model", "epuck", "--address", "root@10.0.0.9") == 0
+    (robot,) = roster.read(Path("robots.toml")).robots
+    assert (robot.host, robot.base) == ("root@10.0.0.9", "")
+    assert init("--add", "older", "root@10.0.0.10", "--wiggle") == 2
+    assert "has a board, which drives it: vsense robot deploy first" in capsys.readouterr().err

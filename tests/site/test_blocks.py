@@ -25,6 +25,7 @@ ELSEWHERE = {
     r"scripts/(demo|test|docs|bench)\b": "has tests of its own, and takes minutes",
     r"vsense run (?!--help|.*--tracker lines)": "needs robots: tests/modes/live, tests/system",
     r"vsense robot (deploy|status|keys --roster|keys --new-key --roster)": "needs robots",
+    r"vsense robot init --add": "needs a robot: tests/robots/test_robot_init.py",
     r"vsense robot build": "cross-compiles: tests/robots/test_building.py",
     r"vsense robot keys --forget": "needs two keys: tests/robots",
     r"vsensed |iw |ping ": "runs on a robot",

@@ -16,7 +16,7 @@ from vsense.base.clock import host_ns
 from vsense.base.errors import GrabberError, NoMorePictures, UsageError, VsenseError
 from vsense.base.files import read_bytes
 from vsense.base.terminal import Console, print_data, printable
-from vsense.commands import _arguments, _rosters
+from vsense.commands import _arguments, _first_contact, _rosters
 from vsense.config import roster, tracking_session
 from vsense.config.casting import free_tags
 from vsense.config.roster import FILE_NAME, Roster, RosterRobot
@@ -76,6 +76,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _arguments.option(parser, "--robots", _arguments.positive, "N", text)
     text = "add one robot of this name, with HOST where it is given"
     _arguments.option(parser, "--add", str, "NAME", text)
+    _first_contact.add_arguments(parser)
     parser.add_argument(
         "--tracking",
         nargs=2,
@@ -118,6 +119,9 @@ def run(options: argparse.Namespace) -> int:
     """
     path: Path = options.roster or Path(FILE_NAME)
     known, console = roster.read_known(path), Console()
+    taken = {robot.tag for robot in known}
+    family = options.family
+    options = _first_contact.complete(options, lambda: next(_free([], family, taken, 1)))
     asked = [host for group in options.hosts for host in group]
     if options.add is not None and (len(asked) > 1 or options.robots is not None):
         raise UsageError("--add adds one robot: expected one HOST at most, and no --robots")
@@ -136,6 +140,8 @@ def run(options: argparse.Namespace) -> int:
         roster.update(path, changes)
     after = roster.extend(path, new, HEAD) if new else roster.read(path)
     _say(path, after, [*(tag for tag, _ in filled.values())], new, options, console)
+    if options.add is not None:
+        return _first_contact.try_robot(after, new[0]["tag"], options, console)
     return 0
 
 
@@ -288,7 +294,8 @@ def _robots(
     free = _free(seen, options.family, {*known, *has}, len(found))
     new = []
     for board in found:
-        values: dict[str, Any] = {"tag": board.settings.get("tag")}
+        told = board.settings.get("tag") if options.tag is None else options.tag
+        values: dict[str, Any] = {"tag": told}
         if values["tag"] is None:
             values["tag"] = next(free)
         values |= {"name": options.add} if options.add is not None else {}
@@ -341,7 +348,7 @@ def _next(
 ) -> list[str]:
     """What comes next."""
     lines = [f"their markers: vsense camera markers --roster {path} -o markers.pdf"]
-    if not all(robot.host for robot in after.robots):
+    if not all(robot.host or robot.is_driven_here for robot in after.robots):
         lines.append("how robots are reached, when there are some: vsense robot init root@ADDRESS")
     if options.tracking is not None and len(new) > 1:
         lines.append(

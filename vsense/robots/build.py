@@ -60,7 +60,9 @@ RUNTIME_PARTS = (
 )
 """What of `c_src/` a robot's controller runtime needs beside `robot/`: the protocol's own files."""
 
-DRIVER_PARTS = ("driver", "driver_process", "driver_record", "base_wifi", "wifi_line")
+DRIVER_PARTS = (
+    "driver", "driver_process", "driver_record", "base_wifi", "wifi_line", "wiggle",
+)  # fmt: skip
 """What of `robot/` only a daemon needs whose base can be a driver, or a robot on Wi-Fi."""
 
 SYSTEM_PARTS = (

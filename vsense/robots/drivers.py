@@ -64,8 +64,12 @@ class Driver:
         return self._base(lambda path: f"{PLACE}/{path.name}", "python3"), files
 
     def here(self) -> str:
-        """The `--base` on this machine."""
-        return self._base(str, python_file(Path())[0])
+        """The `--base` on this machine, where the file that one in Python needs is elsewhere."""
+        base, drivers = self._base(str, python_file(Path())[0]), source_tree().drivers
+        first = self.words[0]
+        if not isinstance(first, Path) or first.suffix != ".py" or first.parent == drivers:
+            return base
+        return base.replace(KIND, f"{KIND}env PYTHONPATH={shlex.quote(str(drivers))} ", 1)
 
     def _base(self, place: Callable[[Path], str], python: str) -> str:
         words = [place(word) if isinstance(word, Path) else word for word in self.words]
