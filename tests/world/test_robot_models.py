@@ -129,3 +129,20 @@ def test_bodies_of_very_different_masses_are_refused(tmp_path: Path) -> None:
     path.write_text(text.replace("</arena>", tank + body))
     with pytest.raises(ConfigError, match=r"epuck has 0\.15 kg in this arena, and tank 99 kg"):
         load(str(path))
+
+
+def test_a_height_that_beats_that_of_a_model_is_said(tmp_path: Path) -> None:
+    text = (SHIPPED_FOLDER / "phototaxis.argos").read_text()
+    (tmp_path / "phototaxis.py").write_text((SHIPPED_FOLDER / "phototaxis.py").read_text())
+    (tmp_path / "tall.toml").write_text(
+        THYMIO.replace("marker_height_m = 0.06", "marker_height_m = 0.3")
+    )
+    path = tmp_path / "tall.argos"
+    path.write_text(text.replace("<e-puck", '<e-puck vs:model="tall"'))
+    loaded = load(str(path))
+    assert {loaded.marker_height_m(robot.tag) for robot in loaded.robots} == {0.06}
+    (said,) = [words for words in loaded.warnings if "vs:marker" in words]
+    assert said.endswith("<vs:marker> height=0.06 counts for all; that of tall would be 0.3 m")
+    assert not [words for words in load("phototaxis").warnings if "vs:marker" in words]
+    path.write_text(path.read_text().replace('height="0.06"', ""))
+    assert {load(str(path)).marker_height_m(robot.tag) for robot in loaded.robots} == {0.3}

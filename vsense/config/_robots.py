@@ -8,14 +8,23 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from vsense.base.errors import UsageError
+from vsense.base.errors import ConfigError, UsageError
 from vsense.base.native import lib
-from vsense.base.xml.element import Element, shown
+from vsense.base.xml.element import Document, Element, shown
 from vsense.config import argos, geofence
 from vsense.config._distribute import OBJECT_ELEMENT, DistributedCrowd, DistributedSpec
 from vsense.config._things import Media, read_place
 from vsense.config.geofence import Geofence
-from vsense.config.specs import FieldSpec, FloorSpec, ObjectSpec, Pose, RobotSpec, Stage
+from vsense.config.specs import (
+    FieldSpec,
+    FloorSpec,
+    MarkerSpec,
+    ObjectSpec,
+    Pose,
+    RobotSpec,
+    Stage,
+)  # fmt: skip
+from vsense.vision.markers.families import load_family
 from vsense.world.entities import VIRTUAL_TAG_MIN, Arena, Entity, VirtualRobot, WorldError
 from vsense.world.robot_models import EPUCK, RobotModel, model_of
 from vsense.world.sensors.base import RobotSettings
@@ -323,3 +332,18 @@ def _read_pose(element: Element, bodies: ArenaContents) -> Pose:
     if z_m != 0.0:
         raise body.error(f"z is {z_m:g}, expected 0: it stands on the floor", "position")
     return Pose(x_m, y_m, place.yaw_rad)
+
+
+def check_markers(bodies: ArenaContents, marker: MarkerSpec, document: Document) -> None:
+    """Refuses tags that the family does not have; warns of models whose markers sit elsewhere."""
+    tags = load_family(marker.family).tags
+    tagged: list[RobotSpec | ObjectSpec] = [*bodies.robots, *bodies.objects]
+    for body in tagged:
+        if body.tag >= tags and body.tag in bodies.lines_of_tags:
+            range_text = f"the marker family {marker.family!r} has tags 0 to {tags - 1}"
+            raise ConfigError(document.file, body.line, f"{body.id!r}: {range_text}")
+    for model in {body.model for body in tagged} if marker.is_said else ():
+        if model != EPUCK and model.marker_height_m != marker.height_m:
+            words = f"height={marker.height_m:g} counts for all; that of {model.name} would be"
+            line = f"<vs:marker> {words} {model.marker_height_m:g} m"
+            document.passed_over.append((marker.line, line))

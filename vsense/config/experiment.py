@@ -8,7 +8,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import NamedTuple
 
-from vsense.base.errors import ConfigError, UsageError, instead, likely
+from vsense.base.errors import UsageError, instead, likely
 from vsense.base.files import PACKAGE_FOLDER, read_bytes
 from vsense.base.native import lib
 from vsense.base.xml.element import Element
@@ -16,7 +16,7 @@ from vsense.base.xml.parsing import parse
 from vsense.config import _programs, argos, policies
 from vsense.config._framework import collect, read_loop_functions, read_rest, read_run, read_tracker
 from vsense.config._population import cast, populate
-from vsense.config._robots import ArenaContents, check_models
+from vsense.config._robots import ArenaContents, check_markers, check_models
 from vsense.config._settings import apply, check_used
 from vsense.config._things import Media, by_id, read_media
 from vsense.config.arena import read_arena
@@ -31,12 +31,10 @@ from vsense.config.specs import (
     Experiment,
     LoopSpec,
     MarkerSpec,
-    ObjectSpec,
-    RobotSpec,
     Stage,
 )
 from vsense.robots.sources import PROGRAM_SUFFIXES, CodeOptions, ProgramSources
-from vsense.vision.markers.families import known_families, load_family
+from vsense.vision.markers.families import known_families
 from vsense.world.robot_models import EPUCK
 from vsense.world.sensors.base import RobotSettings, Scope
 
@@ -163,7 +161,7 @@ def _read_understood(
     scope = _scope(bodies, round(run.length_s * run.ticks_per_second), loop_functions)
     controllers = _read_controllers(root, bodies, scope, media, serves, geofence)
     _check_objects(bodies, scope)
-    _check_tags(bodies, marker, root.document.file)
+    check_markers(bodies, marker, root.document)
     return Experiment(
         name=path.name.removesuffix(ARGOS_SUFFIX),
         file=root.document.file,
@@ -361,15 +359,6 @@ def _read_marker(root: Element) -> MarkerSpec:
     family = element.choice("family", known_families(), "arrow4x4")
     height_m = element.number("height", 0.0, 1.0, "m", EPUCK.marker_height_m)
     return MarkerSpec(family, height_m, element.line, element.has("height"))
-
-
-def _check_tags(bodies: ArenaContents, marker: MarkerSpec, file: str) -> None:
-    tags = load_family(marker.family).tags
-    tagged: list[RobotSpec | ObjectSpec] = [*bodies.robots, *bodies.objects]
-    for body in tagged:
-        if body.tag >= tags and body.tag in bodies.lines_of_tags:
-            range_text = f"the marker family {marker.family!r} has tags 0 to {tags - 1}"
-            raise ConfigError(file, body.line, f"{body.id!r}: {range_text}")
 
 
 def _no_robot(root: Element, arena: Element) -> str:
