@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
@@ -9,6 +10,7 @@ from vsense.base.native import lib
 from vsense.config.specs import ControllerSpec, Experiment, Stage
 from vsense.vision.markers.families import confusion, load_family
 from vsense.world.entities import Box, Cylinder, Entity, Light, VirtualRobot, Zone
+from vsense.world.robot_models import EPUCK
 from vsense.world.sensors.base import layout_dtype
 
 STATE_BYTES: int = lib.VS_DATAGRAM_MAX - lib.VS_SENSOR_BYTES
@@ -94,6 +96,7 @@ def _body_rows(experiment: Experiment) -> list[tuple[str, str]]:
         ("markers", f"{marker.family}, {marker.height_m:g} m above the floor"),
         ("robots", _tagged([(robot.id, robot.tag) for robot in experiment.robots])),
     ]
+    rows += [("model", words) for words in _models(experiment)]
     if experiment.objects:
         rows.append(("objects", _tagged([(thing.id, thing.tag) for thing in experiment.objects])))
     if words := tag_confusion(experiment):
@@ -104,6 +107,20 @@ def _body_rows(experiment: Experiment) -> list[tuple[str, str]]:
         if placed or drawn:
             rows.append((name, _counted([*placed, *drawn], len(drawn), kind)))
     return rows
+
+
+def _models(experiment: Experiment) -> list[str]:
+    """The models of an experiment in which not all robots are e-pucks."""
+    counts = Counter(robot.model for robot in experiment.robots)
+    if set(counts) == {EPUCK}:
+        return []
+    lines = []
+    for model, count in counts.items():
+        tags = [robot.tag for robot in experiment.robots if robot.model == model]
+        marker_m = experiment.marker_height_m(tags[0])
+        size = f"radius {model.radius_m:.3g} m, marker at {marker_m:g} m"
+        lines.append(f"{model.name}: {count} robots, {size}, {model.v_max_m_s:.3g} m/s at most")
+    return lines
 
 
 def tag_confusion(experiment: Experiment) -> str:

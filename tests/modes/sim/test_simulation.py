@@ -12,6 +12,7 @@ import pytest
 
 from tests.rigs.places import ROOT
 from vsense.base.errors import ConfigError
+from vsense.config.description import describe
 from vsense.config.experiment import SHIPPED_FOLDER, first_robots, load
 from vsense.config.specs import Experiment, Stage
 from vsense.modes.origin import files_of
@@ -167,6 +168,9 @@ def test_robots_of_several_models_share_an_arena(tmp_path: Path) -> None:
     mixed = load(str(path), 60.0, stage=Stage.SIM)
     models = [robot.model for robot in mixed.robots]
     assert {model.name for model in models} == {"big", "epuck"}
+    predators = sum(model.name == "big" for model in models)
+    said = f"big: {predators} robots, radius 0.2 m, marker at 0.06 m, 0.166 m/s at most"
+    assert said in describe(mixed) and "model" not in describe(load("predator_prey"))
     kept = files_of(mixed)
     assert own in kept and MODELS_FOLDER / "epuck.toml" not in kept, "it is made again from them"
     run = Simulation(mixed, libraries_of(mixed), 1)
