@@ -26,6 +26,7 @@ from vsense.modes.lab._microcontrollers import read_actuations
 from vsense.modes.lab.hardware import BASE_KINDS
 from vsense.modes.lab.truth import read_truth
 from vsense.monitor.recording.reader import open_recording
+from vsense.world.robot_models import model_of
 
 pytestmark = pytest.mark.system
 
@@ -107,12 +108,14 @@ def test_a_mixed_swarm_on_mixed_bases(directory: Path) -> None:
     assert [len(values) for values in robots.data["actuators"]] == [1] * 4 + [2] * 2
 
 
+FOOTBOT_M = model_of("footbot").radius_m
 KINDS = {
     # tag: base in the roster, model, radius [m], start: x, y [m], heading
     31: ("argos:/dev/ttyS0", "epuck", 0.035, (-0.4, 0.0, 0)),
     71: ("wifi:192.168.1.40", "epuck2", 0.035, (0.0, 0.4, -90)),
     1843: ("exec:thymio /dev/ttyACM0", "thymio2", 0.08, (0.4, 0.0, 180)),
     4334: ("exec:ros2 --namespace robot_4334", "cart", 0.12, (0.0, -0.45, 90)),
+    7167: ("argos:/dev/ttyS0", "footbot", FOOTBOT_M, (0.45, 0.45, -135)),
 }
 MEETING = """<argos-configuration xmlns:vs="urn:vsense:1">
 <framework><experiment length="60" ticks_per_second="10" random_seed="1" /></framework>
@@ -146,7 +149,7 @@ noise_raw = 1.0
 
 
 def test_kinds_of_robots_with_bases_of_their_own_meet(directory: Path, tmp_path: Path) -> None:
-    """E-pucks by cable and Wi-Fi, a Thymio and a robot of ROS 2 run into each other."""
+    """E-pucks by cable and Wi-Fi, a Thymio, a ROS 2 robot and a foot-bot run into each other."""
     pytest.importorskip("thymiodirect", reason="pip install vsense[thymio]")
     pytest.importorskip("cyclonedds", reason="pip install vsense[ros2]")
     (tmp_path / "cart.toml").write_text(CART)
