@@ -129,3 +129,25 @@ def test_who_plays_is_told(file: Path, lab: Path, capsys: pytest.CaptureFixture[
         f"{lab}: robots 30 25 take part; not taken: 24 is out of order: left motor stalls" in said
     )
     assert "robot 37 takes the role of 23" in said
+
+
+def test_a_robot_plays_no_part_of_another_model(file: Path, lab: Path) -> None:
+    text = lab.read_text()
+    for tag, model in ((30, "thymio2"), (23, "epuck"), (37, "thymio2")):
+        text = text.replace(f"tag = {tag}\n", f'tag = {tag}\nmodel = "{model}"\n')
+    lab.write_text(text)
+    assert tags(cast(file, lab)) == [23, 25, 26], "of the others the roster does not say"
+    with pytest.raises(ConfigError, match=r"has 3 for it: .*; 30 is of the model thymio2$"):
+        cast(file, lab, robots=4)
+    with pytest.raises(UsageError, match=r"37 is of the model 'thymio2', and the part of 25 is"):
+        cast(file, lab, "25=37")
+    file.write_text(file.read_text().replace('<e-puck id="', '<e-puck vs:model="thymio2" id="'))
+    assert tags(cast(file, lab)) == [30, 25, 26]
+    assert tags(cast(file, lab, "25=37")) == [30, 37, 26]
+    shipped = load("foraging").path
+    named = file.with_name("named.argos")
+    named.write_text(shipped.read_text())
+    tag = load("foraging").robots[0].tag
+    lab.write_text(f'[[robot]]\ntag = {tag}\nmodel = "thymio2"\n')
+    with pytest.raises(ConfigError, match=f"says that robot {tag} is of the model 'thymio2'"):
+        load(str(named), stage=Stage.SIM, casting=Casting.of(roster.read(lab)))

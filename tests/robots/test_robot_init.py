@@ -272,6 +272,7 @@ def test_first_contact_with_a_robot_without_a_board(
     assert 'in the experiment it is <e-puck vs:model="epuck2">' in said
     (robot,) = roster.read(alone).robots
     assert (robot.tag, robot.name, robot.base) == (23, "red", f"wifi:{rig.device}")
+    assert robot.model == "epuck2"
     assert {a.left_steps_s for a in rig.applied} == {0, -200, 200}
 
 

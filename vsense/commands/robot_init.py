@@ -301,6 +301,7 @@ def _robots(
         values |= {"name": options.add} if options.add is not None else {}
         values |= {"host": board.host} if board.host else {}
         values |= {"base": options.base} if options.base is not None else {}
+        values |= {"model": options.model} if options.model is not None else {}
         new.append(values | {k: v for k, v in board.settings.items() if k not in values})
     return new
 

@@ -133,6 +133,11 @@ def cast(bodies: ArenaContents, family: str, casting: Casting, file: str) -> Non
     owned = (*casting.free, *(tag for tag, _ in casting.others))
     _give_tags(bodies, family, owned, idle)
     _put_in(bodies, casting)
+    for robot in bodies.robots:
+        if not casting.fits(robot.tag, robot.model.name):
+            words = f"{casting.roster} says that robot {robot.tag} is of the model"
+            words = f"{words} {dict(casting.models)[robot.tag]!r}, and here it is of"
+            raise ConfigError(file, robot.line, f"{robot.id!r}: {words} {robot.model.name!r}")
 
 
 def _take_robots(bodies: ArenaContents, casting: Casting) -> frozenset[str]:
@@ -146,18 +151,24 @@ def _take_robots(bodies: ArenaContents, casting: Casting) -> frozenset[str]:
     """
     if not casting.roster:
         return frozenset()
-    robots = {robot.id for robot in bodies.robots}
+    models = {robot.id: robot.model.name for robot in bodies.robots}
+    robots = models.keys()
     names = [name for _, group in bodies.untagged for name in group if name in robots]
     playing = [robot.id for robot in bodies.robots][: casting.limit]
     wanted = [name for name in playing if name in names]
     free = [tag for tag in casting.free if tag not in bodies.lines_of_tags]
-    if len(free) < len(wanted):
+    given = dict[str, int]()
+    for name in wanted:
+        fitting = (tag for tag in free if casting.fits(tag, models[name]))
+        if (tag := next(fitting, None)) is not None:
+            given[name] = tag
+            free.remove(tag)
+    if len(given) < len(wanted):
         element = next(e for e, group in bodies.untagged if robots & set(group))
         raise element.error(
-            f"asks for {len(wanted)} robots, and {casting.roster} has {len(free)} for it"
-            f"{_left_out(casting, bodies.lines_of_tags)}"
+            f"asks for {len(wanted)} robots, and {casting.roster} has {len(given)} for it"
+            f"{_left_out(casting, bodies.lines_of_tags, free)}"
         )
-    given = dict(zip(wanted, free))
     bodies.taken.extend(given.values())
     bodies.robots[:] = [replace(r, tag=given.get(r.id, r.tag)) for r in bodies.robots]
     for name, tag in given.items():
@@ -170,10 +181,11 @@ def _take_robots(bodies: ArenaContents, casting: Casting) -> frozenset[str]:
     return frozenset(names) - given.keys()
 
 
-def _left_out(casting: Casting, worn: Collection[int]) -> str:
-    """Says who is not taken, and why."""
+def _left_out(casting: Casting, worn: Collection[int], free: Collection[int]) -> str:
+    """Says who is not taken, and why; who is still `free` is of another model."""
     why = [f"{tag} {words}" for tag, words in casting.others]
     why += [f"{tag} has a part by its tag" for tag in casting.free if tag in worn]
+    why += [f"{tag} is of the model {model}" for tag, model in casting.models if tag in free]
     return f": {'; '.join(why)}" if why else ""
 
 
@@ -226,7 +238,7 @@ def _put_in(bodies: ArenaContents, casting: Casting) -> None:
     """Has robots play the parts of others."""
     for pair in casting.replaced:
         out, new = pair
-        playing = [robot.tag for robot in bodies.robots]
+        playing = {robot.tag: robot.model.name for robot in bodies.robots}
         casting.check(f"--replace {out}={new}", pair, playing, bodies.tags.values())
         bodies.robots[:] = [replace(r, tag=new) if r.tag == out else r for r in bodies.robots]
         bodies.lines_of_tags[new] = bodies.lines_of_tags.pop(out)

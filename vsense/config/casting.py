@@ -36,6 +36,7 @@ class Casting:
         types: the kind of base of each robot that has one in the roster, such as "argos", or its
             driver, such as "thymio".
         here: tags of those that have no board, which the machine of a run drives.
+        models: the model of each robot of which the roster says one.
     """
 
     roster: str = ""
@@ -45,6 +46,7 @@ class Casting:
     replaced: tuple[Pair, ...] = ()
     types: tuple[tuple[int, str], ...] = ()
     here: tuple[int, ...] = ()
+    models: tuple[tuple[int, str], ...] = ()
 
     @classmethod
     def of(
@@ -57,39 +59,49 @@ class Casting:
         others = tuple((r.tag, r.why_not) for r in roster.robots if not r.is_ready)
         types = tuple((r.tag, _type_of(r.base)) for r in roster.robots if r.base)
         here = tuple(robot.tag for robot in roster.robots if robot.is_driven_here)
-        return cls(str(roster.path), free, others, limit, tuple(replaced), types, here)
+        models = tuple((robot.tag, robot.model) for robot in roster.robots if robot.model)
+        return cls(str(roster.path), free, others, limit, tuple(replaced), types, here, models)
 
     @classmethod
     def read(cls, data: Mapping[str, Any]) -> Casting:
         """Reads what `dataclasses.asdict` made of one, also from JSON."""
-        names = ("others", "replaced", "types")
+        names = ("others", "replaced", "types", "models")
         pairs = {name: tuple(map(tuple, data.get(name, ()))) for name in names}
         free, limit = tuple(data.get("free", ())), data.get("limit")
         here = tuple(data.get("here", ()))
         return cls(str(data.get("roster", "")), free, limit=limit, here=here, **pairs)
 
-    def check(self, what: str, pair: Pair, playing: Iterable[int], worn: Collection[int]) -> None:
+    def check(
+        self, what: str, pair: Pair, playing: Mapping[int, str], worn: Collection[int]
+    ) -> None:
         """Refuses a robot that cannot play another's part.
 
         Args:
             what: how errors call it.
             pair: of whom, and who.
-            playing: the robots' tags.
+            playing: the robots' models by their tags.
             worn: all tags in the experiment.
 
         Raises:
-            UsageError: there is no such part, or the robot has one, or is out of order.
+            UsageError: there is no such part, or the robot has one, is out of order, or is of
+                another model.
         """
         out, new = pair
-        present = list(playing)
-        if out not in present:
-            expected = ", ".join(map(str, present))
+        if out not in playing:
+            expected = ", ".join(map(str, playing))
             raise UsageError(f"{what}: no robot has tag {out}; expected one of {expected}")
         if new in worn:
             raise UsageError(f"{what}: {new} is in the experiment already")
         broken = [why for tag, why in self.others if tag == new and why != SPARE]
         if broken:
             raise UsageError(f"{what}: {new} is {broken[0]}")
+        if not self.fits(new, playing[out]):
+            words = f"{new} is of the model {dict(self.models)[new]!r}, and the part of {out}"
+            raise UsageError(f"{what}: {words} is that of the model {playing[out]!r}")
+
+    def fits(self, tag: int, model: str) -> bool:
+        """Whether a robot is of a model, as far as the roster says."""
+        return dict(self.models).get(tag, model) == model
 
     def spares(self, playing: Collection[int]) -> list[int]:
         """The roster's spares that work and do not play."""

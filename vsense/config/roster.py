@@ -51,6 +51,7 @@ class RosterRobot:
         uid: 32 hexadecimal digits in lower case; "": the roster does not say.
         name: what people call it; "": nothing.
         base: what turns its wheels, as `vsensed --base`; "": the roster does not say.
+        model: what kind of robot it is; "": the roster does not say.
         spare: it plays only where another one is replaced.
         out_of_order: why it cannot play; "": it can.
         board: settings of its vsensed by the roster's names, [defaults] included.
@@ -64,6 +65,7 @@ class RosterRobot:
     uid: str = ""
     name: str = ""
     base: str = ""
+    model: str = ""
     spare: bool = False
     out_of_order: str = ""
     board: Mapping[str, str] = field(default_factory=dict)
@@ -349,7 +351,7 @@ def _robot(own: Mapping[str, Any], defaults: Mapping[str, Any], line: int) -> Ro
     )
 
 
-_OWN = ("tag", "host", "uid", "name", "spare", "out_of_order")
+_OWN = ("tag", "host", "uid", "name", "model", "spare", "out_of_order")
 
 _OLD_OPTION = re.compile(r"[a-z-]+=\S+")
 

@@ -171,6 +171,7 @@ ROBOT_FIELDS: Schema = {
     ),
     "uid": _uid,
     "name": _name,
+    "model": matching(r"[\w.-]{1,64}", 'a robot model, such as "thymio2"'),
     "spare": boolean,
     "out_of_order": single_line(_WHY),
     **DEFAULTS,

@@ -27,7 +27,7 @@ def recast(experiment: Experiment, pair: Pair) -> Experiment:
         UsageError: as `Casting.check`.
     """
     out, new = pair
-    playing = [robot.tag for robot in experiment.robots]
+    playing = {robot.tag: robot.model.name for robot in experiment.robots}
     experiment.casting.check(f"{out}={new}", pair, playing, [*playing, *_worn(experiment)])
     return recast_parts(experiment, {parts_of(experiment)[out]: new})
 
@@ -43,8 +43,9 @@ def recast_parts(experiment: Experiment, robots: Mapping[int, int]) -> Experimen
     parts, casting = parts_of(experiment), experiment.casting
     moves = {tag: robots[part] for tag, part in parts.items() if robots.get(part, tag) != tag}
     worn = [*(tag for tag in parts if tag not in moves), *_worn(experiment)]
+    models = {robot.tag: robot.model.name for robot in experiment.robots if robot.tag in moves}
     for pair in moves.items():
-        casting.check(f"{pair[0]}={pair[1]}", pair, moves, worn)
+        casting.check(f"{pair[0]}={pair[1]}", pair, models, worn)
         worn.append(pair[1])
     pairs = [(part, tag) for part, tag in casting.replaced if robots.get(part, tag) == tag]
     pairs += [(parts[tag], new) for tag, new in moves.items() if parts[tag] != new]
