@@ -121,6 +121,29 @@ static void scatter(struct floor *f, uint32_t *random, double half_m)
     vs_physics_init(&f->physics, 0);
 }
 
+/* Of two sensors each stands in for one of an e-puck's, and both for another one. */
+static void check_stand_in(struct vs_rings *rings, struct vs_ring *ring, const struct floor *f)
+{
+    static const uint8_t stand_in[VS_RING_SENSORS] = {1, 0, 2, 3};
+    uint32_t sensors = VS_RING_SENSORS * f->near.robots;
+    double *noise = room(sensors, sizeof(double));
+    uint32_t i;
+
+    rings->clean = room(sensors, sizeof(double));
+    rings->raw = room(sensors, sizeof(int16_t));
+    ring->stand_in = stand_in;
+    vs_rings_read(rings, f->physics.poses, noise);
+    for (i = 0; i < sensors; i += VS_RING_SENSORS) {
+        const int16_t *raw = rings->raw + i;
+
+        CHECK(raw[0] >= 60 && raw[2] >= 60 && raw[1] == 0 && raw[7] == 0);
+        CHECK(raw[3] == (raw[0] > raw[2] ? raw[0] : raw[2]));
+    }
+    free(rings->clean);
+    free(rings->raw);
+    free(noise);
+}
+
 static void check_ring(struct floor *f)
 {
     static const double from[2 * RAYS] = {0.03, 0.03, 0.03, 0.0, 0.0, 0.0};
@@ -130,7 +153,8 @@ static void check_ring(struct floor *f)
     static const double response[RAYS] = {0.5, 1.0, 0.5};
     static const double table_m[3] = {0.0, 0.01, 0.07};
     static const double table_raw[3] = {4095.0, 1000.0, 60.0};
-    struct vs_ring ring = {2, RAYS, from, side, x, y, response, 3, table_m, table_raw};
+    struct vs_ring ring = {2, RAYS, from, side, x, y, response, 3, table_m, table_raw,
+                           NULL};
     const struct vs_ring **each = room(f->near.robots, sizeof *each);
     uint32_t sensors = VS_RING_SENSORS * f->near.robots;
     double *distances_m = room(sensors * RAYS, sizeof(double));
@@ -146,6 +170,7 @@ static void check_ring(struct floor *f)
         CHECK(raw[s] >= 60.0 && raw[s] <= 4095.0);
     for (s = 0; s < sensors * RAYS; s++)
         CHECK(distances_m[s] >= 0.0);
+    check_stand_in(&rings, &ring, f);
     free(distances_m);
     free(raw);
     free(each);

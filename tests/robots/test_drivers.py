@@ -66,6 +66,7 @@ def rig(rigs: Rigs) -> Rig:
     return one
 
 
+@pytest.mark.paced
 @pytest.mark.parametrize(
     ("number", "limit_ns", "words"),
     [
