@@ -47,9 +47,9 @@ static void roll(struct vs_physics *physics, uint32_t robot, int64_t time_ns)
     const double *wheels_m_s = physics->wheels_m_s + 2 * robot;
     double duration_s = (double)(time_ns - physics->rolled_ns[robot]) * 1e-9;
     double way_m = (wheels_m_s[0] + wheels_m_s[1]) * 0.5 * duration_s;
-    double axle_m = physics->built != NULL ? physics->built[3 * robot + 2] :
-                    physics->drives[robot].axle_m;
-    double half_turn_rad = (wheels_m_s[1] - wheels_m_s[0]) * (0.5 / axle_m) * duration_s;
+    double half_turn = physics->built != NULL ? 0.5 / physics->built[3 * robot + 2] :
+                       physics->drives[robot].half_turn;
+    double half_turn_rad = (wheels_m_s[1] - wheels_m_s[0]) * half_turn * duration_s;
     double *arc = physics->arcs + 2 * robot;
     double sine;
     double cosine;

@@ -15,7 +15,7 @@
 /* How a robot drives. */
 struct vs_drive {
     double step_m;       /* way of a wheel per motor step */
-    double axle_m;       /* between the wheels' contact points */
+    double half_turn;    /* 0.5 / axle [1/m], the axle between the wheels' contact points */
     double most_m_s2;    /* how fast a wheel's speed changes, 0: at once */
     double mobility;     /* how readily it gives way while its wheels turn, 1 for the lightest */
     int32_t timer_hz;    /* a motor makes a step every whole number of such ticks; 0: as told */

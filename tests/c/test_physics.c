@@ -16,7 +16,7 @@
 
 #define RADIUS_M 0.035
 #define RAYS 3
-#define EPUCK {0.041 * VS_PI / 1000.0, 0.053, 0.0, 1.0, 10000, 1000}
+#define EPUCK {0.041 * VS_PI / 1000.0, 0.5 / 0.053, 0.0, 1.0, 10000, 1000}
 
 struct floor {
     struct vs_near near;
@@ -66,7 +66,7 @@ static void build(struct floor *f, uint32_t robots, uint32_t bodies, uint32_t bo
     f->physics.drives = f->drives = room(robots, sizeof *f->drives);
     f->near.reach_m = 0.11;
     for (i = 0; i < robots; i++) {
-        static const struct vs_drive drives[2] = {EPUCK, {1e-3, 0.09, 1.0, 0.1, 0, 300}};
+        static const struct vs_drive drives[2] = {EPUCK, {1e-3, 0.5 / 0.09, 1.0, 0.1, 0, 300}};
 
         f->drives[i] = drives[i % 2];
     }

@@ -118,7 +118,7 @@ static void set_floor(struct run *r)
     r->physics.drives = r->drives;
     r->near.reach_m = 0.11;
     for (i = 0; i < ROBOTS; i++) {
-        static const struct vs_drive epuck = {1.288e-4, 0.053, 0.0, 1.0, 10000, 1000};
+        static const struct vs_drive epuck = {1.288e-4, 0.5 / 0.053, 0.0, 1.0, 10000, 1000};
 
         r->drives[i] = epuck;
         r->radii_m[i] = 0.035;

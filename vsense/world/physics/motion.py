@@ -218,7 +218,7 @@ def _drives(models: Sequence[RobotModel]) -> list[tuple[float, ...]]:
     return [
         (
             model.step_m,
-            model.axle_m,
+            0.5 / model.axle_m,
             model.acceleration_m_s2,
             lightest_kg / model.mass_kg,
             model.timer_hz,
