@@ -140,9 +140,9 @@ def test_a_height_that_beats_that_of_a_model_is_said(tmp_path: Path) -> None:
     path = tmp_path / "tall.argos"
     path.write_text(text.replace("<e-puck", '<e-puck vs:model="tall"'))
     loaded = load(str(path))
-    assert {loaded.marker_height_m(robot.tag) for robot in loaded.robots} == {0.06}
+    assert {loaded.marker_height_m(robot.model) for robot in loaded.robots} == {0.06}
     (said,) = [words for words in loaded.warnings if "vs:marker" in words]
     assert said.endswith("<vs:marker> height=0.06 counts for all; that of tall would be 0.3 m")
     assert not [words for words in load("phototaxis").warnings if "vs:marker" in words]
     path.write_text(path.read_text().replace('height="0.06"', ""))
-    assert {load(str(path)).marker_height_m(robot.tag) for robot in loaded.robots} == {0.3}
+    assert {load(str(path)).marker_height_m(robot.model) for robot in loaded.robots} == {0.3}

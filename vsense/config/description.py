@@ -116,8 +116,7 @@ def _models(experiment: Experiment) -> list[str]:
         return []
     lines = []
     for model, count in counts.items():
-        tags = [robot.tag for robot in experiment.robots if robot.model == model]
-        marker_m = experiment.marker_height_m(tags[0])
+        marker_m = experiment.marker_height_m(model)
         size = f"radius {model.radius_m:.3g} m, marker at {marker_m:g} m"
         lines.append(f"{model.name}: {count} robots, {size}, {model.v_max_m_s:.3g} m/s at most")
     return lines

@@ -304,9 +304,8 @@ class Experiment:
         """What hangs higher stands in nobody's way."""
         return max([EPUCK.height_m, *(body.model.height_m for body in self.bodies)])
 
-    def marker_height_m(self, tag: int) -> float:
-        """How high a body's marker is; that of a spare is an e-puck's."""
-        model = self.models.get(tag, EPUCK)
+    def marker_height_m(self, model: RobotModel) -> float:
+        """How high the marker is on a body of this model; a spare is taken for an e-puck."""
         if self.marker.is_said or model == EPUCK:
             return self.marker.height_m
         return model.marker_height_m

@@ -201,6 +201,7 @@ def model_of(name: str, folder: Path | None = None) -> RobotModel:
     return read_model(MODELS_FOLDER / f"{name}{MODEL_SUFFIX}")
 
 
+@cache
 def shipped_models() -> tuple[str, ...]:
     """The names of the models that come with vsense."""
     return tuple(models_in(MODELS_FOLDER))
@@ -253,5 +254,5 @@ def _lent(radius_m: float, height_m: float) -> dict[str, Any]:
     return lent
 
 
-EPUCK = model_of("epuck")
+EPUCK = read_model(_USUAL)
 """What a robot is unless a file says otherwise, and what a tagged object's body is like."""

@@ -108,7 +108,7 @@ def _slope() -> NDArray[np.float64]:
 def cameras_above(experiment: Experiment, grid: GridShape | None) -> list[Camera]:
     """The cameras above the arena, or above what walls leave of one that is too large for four."""
     arena = experiment.arena
-    heights = (experiment.marker_height_m(body.tag) for body in experiment.bodies)
+    heights = (experiment.marker_height_m(body.model) for body in experiment.bodies)
     tallest_m = max([TALLEST_M, *heights])
     is_small = _needed(arena, tallest_m) == _FEW
     return rig(arena if is_small else reachable(experiment), grid, tallest_m)
@@ -231,7 +231,7 @@ def spec_for(
                 for robot in experiment.robots
             ),
             *(
-                Body(thing.tag, experiment.marker_height_m(thing.tag), OBJECT, model=thing.model)
+                Body(thing.tag, experiment.marker_height_m(thing.model), OBJECT, model=thing.model)
                 for thing in experiment.objects
             ),
         ),
@@ -251,7 +251,8 @@ def robot_body(
     worn: Mapping[int, int] = {},
 ) -> Body:
     """How a robot looks from above; for `built` and `worn` see `spec_for`."""
-    height_m, model = experiment.marker_height_m(tag), experiment.models.get(tag, EPUCK)
+    model = experiment.models.get(tag, EPUCK)
+    height_m = experiment.marker_height_m(model)
     return Body(worn.get(tag, tag), height_m, ROBOT, _marker(built), model)
 
 

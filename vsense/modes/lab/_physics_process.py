@@ -62,7 +62,6 @@ from vsense.modes.lab.hardware import RobotHardware, bases_of
 from vsense.modes.lab.truth import TruthWriter
 from vsense.world.physics.motion import TICK_NS, NoisyWheels, Physics, obstacles
 from vsense.world.physics.proximity_ring import ProximityRing
-from vsense.world.robot_models import RING_SENSORS
 
 FLUSH_TICKS = 10
 """The log is written to disk ten times per second."""
@@ -84,14 +83,14 @@ class PhysicsProcess:
         kinds, grounded = spec.bases, bool(spec.black)
         self.controllers = Microcontrollers(kinds, spec.watchdog, grounded, models)
         sensors = spec.sensors or [NOMINAL_SENSORS] * len(spec.robots)
-        built = [np.array([getattr(s, n) for s in sensors]) for n in ("gains", "biases")]
-        gains, biases = built if spec.sensors else (None, np.zeros((0, RING_SENSORS)))
+        names = ("gains", "biases") if spec.sensors else ()
+        built = {name: np.array([getattr(s, name) for s in sensors]) for name in names}
         # A Thymio's driver is what puts its sensors in the places of an e-puck's.
         seen = [
             replace(model, ring=replace(model.ring, stands_for=())) if kind == "thymio" else model
             for kind, model in zip(kinds, models, strict=True)
         ]
-        self._rings = ProximityRing(self._physics.near, spec.seed, gains, biases, seen)
+        self._rings = ProximityRing(self._physics.near, spec.seed, models=seen, **built)
         self._ground = RealGround(spec.black, sensors, spec.seed) if spec.black else None
         self._wheels = NoisyWheels(spec.wheels, spec.seed, models)
         self._leds = np.zeros(len(self._physics.poses), dtype=np.uint16)

@@ -38,6 +38,7 @@ from vsense.run.verdict import RunRecord
 from vsense.vision.markers.families import load_family
 from vsense.vision.tracking.arena_tracker import ArenaTracker
 from vsense.vision.tracking.camera_tracking import CameraTracking
+from vsense.world.robot_models import EPUCK
 
 READY_TIMEOUT_S = 20.0
 """All robots must be connected and seen within this time."""
@@ -164,7 +165,8 @@ class Session(ExperimentSession):
         experiment = self.experiment
         # Who may be put in between runs is known as soon as it is seen.
         tags = (*self._tags, *spares_for(experiment))
-        heights = {tag: experiment.marker_height_m(tag) for tag in tags}
+        models = experiment.models
+        heights = {tag: experiment.marker_height_m(models.get(tag, EPUCK)) for tag in tags}
         family = load_family(experiment.marker.family)
         offsets = self.robots.markers
         tracker = ArenaTracker.for_family(self.cameras, family, heights, offsets=offsets)

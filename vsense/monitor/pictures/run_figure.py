@@ -165,7 +165,7 @@ def _scene(run: RunFigure, timestep: int, words: str, snapshot: WorldSnapshot) -
         poses=poses,
         lit=run.lit[row],
         trails=run.poses[first : row + 1, :, :2] - middle[:2],
-        heights_m=np.array([experiment.marker_height_m(r.tag) for r in experiment.robots]),
+        heights_m=np.array([experiment.marker_height_m(r.model) for r in experiment.robots]),
         radii_m=np.array([robot.model.radius_m for robot in experiment.robots]),
     )
 
@@ -189,7 +189,7 @@ def draw_arena(
         poses=poses - middle,
         lit=lit,
         trails=np.empty((0, len(poses), 2)),
-        heights_m=np.array([experiment.marker_height_m(r.tag) for r in experiment.robots]),
+        heights_m=np.array([experiment.marker_height_m(r.model) for r in experiment.robots]),
         radii_m=np.array([robot.model.radius_m for robot in experiment.robots]),
     )
     return _arena_view.draw(moment, width_px, scale=1)

@@ -183,7 +183,7 @@ def experiment(facts: ExperimentFacts, environment: Environment) -> Data:
         },
         robots=[
             _body(robot)
-            | {"height_m": spec.marker_height_m(robot.tag), "model": robot.model.name}
+            | {"height_m": spec.marker_height_m(robot.model), "model": robot.model.name}
             | {name: getattr(robot.model, name) for name in WHEELS}
             | _driven(facts, spec, robot.tag)
             for robot in spec.robots

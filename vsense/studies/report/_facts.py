@@ -66,6 +66,10 @@ class Facts:
         """Whether nothing in it was measured of cameras and links."""
         return self.command == "sim"
 
+    def radius_m(self, tag: int) -> float:
+        """The radius of a body."""
+        return self.radii_m.get(tag, self.body_radius_m)
+
     def is_robot(self, tag: int) -> bool:
         """Whether a tag is that of a robot that takes part."""
         return tag in self.robots if self.robots else tag not in self.objects

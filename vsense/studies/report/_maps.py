@@ -100,7 +100,7 @@ def _ends(axes: Axes, gathered: Gatherer, ways_: Mapping[int, Floats], first: bo
     paper, facts = setting("axes.facecolor"), gathered.facts
     begin: dict[str, Any] = {"markersize": 4, "markeredgewidth": 0.8, "zorder": 3}
     for place, (tag, way) in enumerate(ways_.items()):
-        radius_m = facts.radii_m.get(tag, facts.body_radius_m)
+        radius_m = facts.radius_m(tag)
         colour, seen = f"C{place}", way[np.isfinite(way).all(axis=1)]
         if first:
             axes.plot(*seen[0], "o", color=paper, markeredgecolor=colour, **begin)
@@ -115,7 +115,7 @@ def _ends(axes: Axes, gathered: Gatherer, ways_: Mapping[int, Floats], first: bo
         side = -1 if last[0] - gathered.arena.centre_m[0] > 0.4 * gathered.arena.size_m[0] else 1
         axes.annotate(
             str(tag),
-            tuple(last + 0.7 * facts.radii_m.get(tag, facts.body_radius_m) * np.array([side, 1])),
+            tuple(last + 0.7 * facts.radius_m(tag) * np.array([side, 1])),
             xytext=(2 * side, 2),
             textcoords="offset points",
             horizontalalignment="left" if side > 0 else "right",

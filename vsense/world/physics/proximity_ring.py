@@ -34,7 +34,6 @@ def _ring(model: RingModel) -> tuple[Any, list[Floats]]:
 
     Emitter and receiver each fall off with the cosine of the angle.
     """
-    ring: Any = kernel_ffi.new("struct vs_ring *")
     half_rad = np.radians(model.half_cone_deg)
     fan_rad = np.linspace(-half_rad, half_rad, _RAYS)
     angles = (model.headings_rad[:, None] + fan_rad).reshape(-1)
@@ -44,15 +43,14 @@ def _ring(model: RingModel) -> tuple[Any, list[Floats]]:
         np.ascontiguousarray(array, dtype=np.float64)
         for array in (*given, model.table_m, model.table_raw)
     ]
-    ring.sensors, ring.rays, ring.points = len(model.places_m), _RAYS, len(model.table_m)
     names = "from_x_m from_y_m ray_x ray_y response table_m table_raw"
-    for name, array in zip(names.split(), arrays):
-        setattr(ring, name, pointer("double", array))
+    members = {name: pointer("double", array) for name, array in zip(names.split(), arrays)}
+    members |= {"sensors": len(model.places_m), "rays": _RAYS, "points": len(model.table_m)}
     if model.stands_for:
         bits = [sum(1 << sensor for sensor in sensors) for sensors in model.stands_for]
         arrays.append(np.array(bits, dtype=np.uint8))
-        setattr(ring, "stand_in", pointer("uint8_t", arrays[-1]))  # noqa: B010
-    return ring, arrays
+        members["stand_in"] = pointer("uint8_t", arrays[-1])
+    return kernel_ffi.new("struct vs_ring *", members), arrays
 
 
 class ProximityRing:
