@@ -107,8 +107,6 @@ export class Robots {
   /** By tag.
    * @type {Map<number, ReturnType<typeof rowsOf>>} */
   #bodies = new Map();
-  /** @type {RobotRow[]} */
-  #sorted = [];
 
   /** @param {Store} store @param {RobotSelection} selection */
   constructor(store, selection) {
@@ -131,7 +129,14 @@ export class Robots {
     this.render();
   }
 
-  /** Tags of the robots as the table shows them, from the top. */
+  /** The robots as the table shows them, from the top, also before it is rendered.
+   * @returns {RobotRow[]} */
+  get #sorted() {
+    const all = [...this.store.rows.keys()].flatMap((tag) => this.store.robot(tag) ?? []);
+    return all.sort((a, b) => this.#compare(a, b));
+  }
+
+  /** Their tags. */
   get order() {
     return this.#sorted.map((robot) => robot.tag);
   }
@@ -144,8 +149,6 @@ export class Robots {
     if (!robots) return;
     mark(this.table, "mixed", (experiment?.controllers?.length ?? 0) > 1);
     mark(this.table, "radio", robots.signal_dbm?.some((dbm) => dbm !== null));
-    const all = [...rows.keys()].flatMap((tag) => this.store.robot(tag) ?? []);
-    this.#sorted = all.sort((a, b) => this.#compare(a, b));
     this.heads.forEach((head, column) => {
       const direction = this.#sort.down ? "descending" : "ascending";
       const sorted = column === this.#sort.column ? direction : "none";
