@@ -1,0 +1,57 @@
+/* What IRIDIA's epuck_firmware.c calls and does not bring: converter, radio and infrared.
+ *
+ * Converter and battery pin are what the test has written into the shared page (page.h). */
+#include "page.h"
+
+#include <string.h>
+
+#include "ircom.h"
+
+int e_get_prox(int sensor)
+{
+    _RF1 = page->battery_good;
+    return page->proximity[sensor];
+}
+
+int e_get_ambient_light(int sensor) { return page->light[sensor]; }
+
+int e_getchar_uart2(char *c) { return uart_get(c); }
+
+void e_send_uart2_char(const char *bytes, int length) { uart_put(bytes, length); }
+
+int e_uart2_sending(void) { return 0; }
+
+void ircomPopMessage(IrcomMessage *message)
+{
+    memset(message, 0, sizeof *message);
+    message->error = 1; /* none has come */
+}
+
+int ircomSendDone(void) { return 1; }
+unsigned char e_randb_get_if_received(void) { return 0; }
+double e_randb_get_bearing(void) { return 0; }
+unsigned int e_randb_get_data(void) { return 0; }
+unsigned int e_randb_get_range(void) { return 0; }
+void e_randb_send_all_data(unsigned int data) { page->radio_sent = (int)data + 1; }
+
+void e_init_port(void) {}
+void e_init_ad_scan(void) {}
+void e_init_uart2(void) { uart_flush(); }
+void e_calibrate_ir(void) {}
+void e_i2cp_init(void) {}
+void e_init_randb(unsigned char mode) { (void)mode; page->radio_inits++; }
+void e_randb_set_range(unsigned char range) { (void)range; }
+void e_randb_set_calculation(unsigned char where) { (void)where; }
+void e_randb_store_light_conditions(void) {}
+void ircomStart(void) {}
+void ircomStop(void) {}
+void ircomRestart(void) {}
+void ircomListen(void) {}
+void ircomEnableContinuousListening(void) {}
+void ircomSend(long value) { (void)value; }
+
+int ring(void)
+{
+    return LED0 | LED1 << 1 | LED2 << 2 | LED3 << 3 | LED4 << 4 | LED5 << 5 | LED6 << 6 | LED7 << 7
+           | BODY_LED << 8 | FRONT_LED << 9;
+}

@@ -1,0 +1,149 @@
+"""The daemon against the firmware that robots have, built from its authors' sources.
+
+`scripts/bench firmware --source FOLDER` runs these; the sources are not part of vsense.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.robots.firmware import real
+from tests.robots.firmware.real import FirmwareRig, RealFirmware
+from tests.robots.rig import CLEAN, MS, POLLUTED
+from tests.robots.stopping import CANARY_NS, SILENCE_NS
+from vsense.robots.link.wire import StopCause, Wanted
+
+TIMER_HZ = 10_000
+
+
+def test_registers_are_declared_as_sources_use_them() -> None:
+    text = "#define LED0 _LATA6\nT2CONbits.TON = 1; T2CONbits.TCKPS = 0; TMR2 = _RF1;"
+    assert real.registers([text, "_LATA6 = 1;"]).splitlines() == [
+        "int TMR2;",
+        "int _LATA6;",
+        "int _RF1;",
+        "struct { int TCKPS, TON; } T2CONbits;",
+    ]
+
+
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """IRIDIA's firmware as a program of this machine."""
+    return real.compile_argos(Path(os.environ[real.SOURCE]), tmp_path_factory.mktemp("firmware"))
+
+
+@pytest.fixture
+def rig(program: Path, compiled: Path, tmp_path: Path) -> Iterator[FirmwareRig]:
+    """A host and a robot with real firmware, without a daemon."""
+    rig = FirmwareRig(program, RealFirmware(compiled, tmp_path))
+    yield rig
+    rig.close()
+
+
+def check(rig: FirmwareRig) -> tuple[int, str]:
+    """Exit code of `vsensed --check` and what it says of the base."""
+    daemon = rig.begin("--check", *rig.words())
+    rig.wait_for(lambda: daemon.process.poll() is not None, "the end of the check", 60)
+    said = {line.split()[0]: line[9:] for line in daemon.printed.splitlines()}
+    return daemon.process.returncode, said["base"]
+
+
+@pytest.mark.campaign
+def test_the_check_finds_it_and_reads_its_battery_pin(rig: FirmwareRig) -> None:
+    page = rig.firmware.page
+    page["proximity"][:] = [-7, 0, 11, 500, 4095, 3, 2, 1]
+    assert check(rig)[1] == f"ok   argos on {rig.device} answers, wheels at 0"
+    page["battery_good"] = 0
+    code, said = check(rig)
+    assert code == 1 and said.startswith(f"BAD  argos on {rig.device}")
+    assert "its battery is low: charge it" in said
+    assert page["radio_inits"] == 0, "range and bearing was never set up"
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("speed_cm_s", [8, 4])
+def test_wheels_turn_as_commanded(rig: FirmwareRig, speed_cm_s: int) -> None:
+    """Whole periods of a timer of 10 kHz a step: what ARGOS.md says, counted by their library."""
+    rig.host.params = f"speed_cm_s={speed_cm_s}\nstop_probability=0\n"
+    rig.start()
+    rig.run()
+    rig.live_for(500 * MS)
+    compared = 0
+    while compared < 6:
+        begun = rig.host.last
+        counted = rig.steps_s(400 * MS)
+        commands = [(t.left_steps_s, t.right_steps_s) for t in (begun, rig.host.last)]
+        if commands[0] != commands[1] or 0 in commands[0]:
+            continue  # it turned in between
+        compared += 1
+        print(
+            f"\n  commanded {commands[0]} steps/s, counted {counted[0]:.0f}, {counted[1]:.0f}",
+            end="",
+        )
+        for steps_s, command in zip(counted, commands[0], strict=True):
+            period = int(TIMER_HZ / abs(command))
+            assert steps_s == pytest.approx(math.copysign(TIMER_HZ / period, command), rel=0.03)
+
+
+@pytest.mark.campaign
+def test_the_ring_is_lit_in_pollution(rig: FirmwareRig) -> None:
+    """It toggles LEDs by difference, and cannot be asked for their state."""
+    rig.start()
+    rig.run()
+    for payload, ring in ((POLLUTED, 0xFF), (CLEAN, 0), (POLLUTED, 0xFF)):
+        rig.host.pollutant = payload
+        rig.wait_for(lambda: rig.firmware.page["ring"] == ring, f"LEDs {ring:x}")  # noqa: B023
+
+
+@pytest.mark.campaign
+def test_wheels_stand_when_the_host_falls_silent(rig: FirmwareRig) -> None:
+    rig.start()
+    took_ms = []
+    for _ in range(5):
+        rig.run()
+        rig.live_for(500 * MS)
+        rig.held_up_ns = 0
+        rig.host.silent = True
+        rig.wait_for(lambda: not rig.moving, "rest")
+        took_ns = int(rig.firmware.page["stepped_ns"]) - rig.host.fresh_ns
+        if took_ns <= SILENCE_NS or rig.held_up_ns < CANARY_NS:
+            took_ms.append(took_ns // MS)
+        rig.host.silent = False
+    print("\n  last step of a motor after", took_ms, "ms", end="")
+    assert took_ms and max(took_ms) <= SILENCE_NS // MS
+
+
+@pytest.mark.campaign
+def test_it_is_reset_in_mid_run_and_drives_on(rig: FirmwareRig) -> None:
+    """It takes the next frame's bytes for its configuration, and may set up range and bearing."""
+    page = rig.firmware.page
+    rig.start()
+    rig.run()
+    for _ in range(5):
+        rig.live_for(700 * MS)
+        resets, errors = int(page["resets"]), rig.host.last.base_errors
+        page["reset"] = 1
+        rig.wait_for(lambda: page["resets"] > resets, "the reset")  # noqa: B023
+        rig.wait_for(lambda: rig.host.last.base_errors > errors, "its report")  # noqa: B023
+        rig.run()
+        page["radio_sent"] = 0
+        rig.live_for(300 * MS)
+        assert page["radio_sent"] == 0, "range and bearing is off again"
+    assert rig.host.last.stop_cause == StopCause.NONE
+
+
+@pytest.mark.campaign
+def test_a_daemon_that_is_killed_finds_it_again(rig: FirmwareRig) -> None:
+    rig.start()
+    rig.run()
+    rig.daemon.close()
+    rig.host.drop()
+    rig.host.wanted = Wanted.IDLE
+    rig.start()
+    rig.wait_for(lambda: not rig.moving, "rest")
+    rig.run()
