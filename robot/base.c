@@ -129,7 +129,7 @@ void vs_base_see(const int16_t prox[8], const int16_t light[8], int16_t most,
     size_t i;
 
     for (i = 0; i < 8; i++) {
-        reading->prox[i] = prox[i];
+        reading->prox[i] = prox[i] < 0 ? 0 : prox[i];
         reading->light[i] = (int16_t)(most - light[i]);
     }
 }

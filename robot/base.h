@@ -132,8 +132,8 @@ int vs_base_recover(struct vs_base *base);
 int vs_base_exchange(struct vs_base *base, const struct vs_base_command *command,
                      struct vs_base_reading *reading);
 
-/* For an exchange: proximity as it was measured, and light, which e-pucks measure as most
- * minus brightness, as brightness. */
+/* For an exchange: proximity, 0 where flickering light has made it negative, and light, which
+ * e-pucks measure as most minus brightness, as brightness. */
 void vs_base_see(const int16_t prox[8], const int16_t light[8], int16_t most,
                  struct vs_base_reading *reading);
 

@@ -40,12 +40,14 @@ static void prove_aligned(struct world *w)
     w->allowed[0] = command.left_steps_s;
     w->allowed[1] = command.right_steps_s;
     w->fw.body.inputs.prox[3] = 1234;
+    w->fw.body.inputs.prox[4] = -7; /* flickering light */
     w->fw.body.inputs.light[5] = 96;
     w->fw.body.inputs.battery_mv = 3000;
     CHECK(w->base.ops->exchange(&w->base, &command, &reading) == VS_OK);
     CHECK(w->fw.body.outputs.left_steps_s == 300 && w->fw.body.outputs.right_steps_s == -200);
     CHECK(w->leds_lost || w->fw.body.outputs.leds == 0x105);
-    CHECK(reading.prox[3] == 1234 && reading.light[5] == 4000 && reading.battery_low == 1);
+    CHECK(reading.prox[3] == 1234 && reading.prox[4] == 0);
+    CHECK(reading.light[5] == 4000 && reading.battery_low == 1);
 }
 
 static void test_every_clean_state(void)

@@ -15,7 +15,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from vsense.base.clock import host_ns
+from vsense.base.readings import SensorReadings
 from vsense.modes.lab._microcontrollers import Actuation, Microcontrollers
 from vsense.robots.link._peer import Orders, Peer
 from vsense.robots.link.table import Direction, Entry, Table
@@ -36,6 +39,9 @@ from vsense.robots.link.wire import (
     encode,
     packet_length,
 )
+from vsense.robots.python_swarm import OWN_COUNTS
+from vsense.run._own_devices import OwnDevices
+from vsense.run.remote import REMOTE_TABLE
 from vsense.world.robot_models import model_of
 
 MS = 1_000_000
@@ -424,6 +430,18 @@ class Rig:
             daemon.close()
         self.host.close()
         self.unplug()
+
+
+def own_of(rig: Rig) -> dict[str, list[float]]:
+    """What the host makes of what the robot says of its own sensors; those that it has."""
+    devices = OwnDevices(Table(), [TAG], TIMESTEP_NS)
+    numbers, older_us = REMOTE_TABLE.readings(rig.host.last.payload)["own"]
+    assert older_us is not None and older_us < 1.5 * TIMESTEP_NS / 1000
+    devices.hear(TAG, numbers, 0)
+    none = SensorReadings([TAG], [], np.zeros((1, 0), np.uint8), np.zeros((1, 0), np.int64))
+    sensed = devices.sense(none, 0)
+    values = [np.frombuffer(data, "<f4").tolist() for data, _ in sensed[TAG]]
+    return {n: v for n, v, t in zip(OWN_COUNTS, values, sensed.captures_ns[0]) if t == 0}
 
 
 class BareRobot:

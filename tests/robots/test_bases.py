@@ -18,22 +18,18 @@ from tests.robots.rig import (
     MS,
     POLLUTED,
     TAG,
-    TIMESTEP_NS,
     BareRobot,
     Host,
     Rig,
     live_until,
+    own_of,
 )
 from tests.robots.stopping import SILENCE_NS, still_within
 from vsense.base.clock import host_ns
 from vsense.base.native import ffi, lib
-from vsense.base.readings import SensorReadings
 from vsense.modes.lab._air import Air
 from vsense.modes.lab.hardware import BASE_KINDS
-from vsense.robots.link.table import Table
 from vsense.robots.link.wire import Wanted
-from vsense.robots.python_swarm import OWN_COUNTS
-from vsense.run._own_devices import OwnDevices
 from vsense.run.remote import REMOTE_TABLE
 
 RING = 0xFF
@@ -261,18 +257,6 @@ def test_iridias_leds_and_a_gyroscope(talker: Path) -> None:
     rig.daemon.process.terminate()
     rig.wait_for(lambda: back() == [0, 0, 0], "the dark at the end")
     rig.close()
-
-
-def own_of(rig: Rig) -> dict[str, list[float]]:
-    """What the host makes of what the robot says of its own sensors; those that it has."""
-    devices = OwnDevices(Table(), [TAG], TIMESTEP_NS)
-    numbers, older_us = REMOTE_TABLE.readings(rig.host.last.payload)["own"]
-    assert older_us is not None and older_us < 1.5 * TIMESTEP_NS / 1000
-    devices.hear(TAG, numbers, 0)
-    none = SensorReadings([TAG], [], np.zeros((1, 0), np.uint8), np.zeros((1, 0), np.int64))
-    sensed = devices.sense(none, 0)
-    values = [np.frombuffer(data, "<f4").tolist() for data, _ in sensed[TAG]]
-    return {n: v for n, v, t in zip(OWN_COUNTS, values, sensed.captures_ns[0]) if t == 0}
 
 
 def test_a_robot_that_its_host_drives(tmp_path: Path, build: Builder) -> None:

@@ -5,42 +5,57 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from tests.robots.conftest import QUICKLY, ROOT, Builder
 from tests.robots.firmware import real
-from tests.robots.firmware.real import FirmwareRig, RealFirmware
-from tests.robots.rig import CLEAN, MS, POLLUTED
+from tests.robots.firmware.real import Firmware, FirmwareRig, RealFirmware
+from tests.robots.rig import CLEAN, MS, POLLUTED, own_of
 from tests.robots.stopping import CANARY_NS, SILENCE_NS
 from vsense.robots.link.wire import StopCause, Wanted
+from vsense.run.remote import REMOTE_TABLE
 
-TIMER_HZ = 10_000
+STEP_CM = 0.0128805
+"""Of an e-puck's wheels: 1000 steps a turn of 128.8 mm."""
 
 
 def test_registers_are_declared_as_sources_use_them() -> None:
     text = "#define LED0 _LATA6\nT2CONbits.TON = 1; T2CONbits.TCKPS = 0; TMR2 = _RF1;"
-    assert real.registers([text, "_LATA6 = 1;"]).splitlines() == [
+    assert real.registers([text, "_LATA6 = 1; I2CCON = I2C_ON;"]).splitlines() == [
+        "int I2CCON;",
         "int TMR2;",
-        "int _LATA6;",
-        "int _RF1;",
+        "struct { unsigned _LATA6 : 1; unsigned _RF1 : 1; } pins;",
+        "#define _LATA6 pins._LATA6",
+        "#define _RF1 pins._RF1",
         "struct { int TCKPS, TON; } T2CONbits;",
+        "#define I2C_ON 0xffff",
     ]
 
 
 @pytest.fixture(scope="module")
-def compiled(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """IRIDIA's firmware as a program of this machine."""
-    return real.compile_argos(Path(os.environ[real.SOURCE]), tmp_path_factory.mktemp("firmware"))
+def firmware() -> Firmware:
+    """The one whose checkout was given."""
+    firmware = real.firmware_of(Path(os.environ[real.SOURCE]))
+    assert firmware is not None
+    return firmware
+
+
+@pytest.fixture(scope="module")
+def compiled(firmware: Firmware, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """It as a program of this machine."""
+    folder = tmp_path_factory.mktemp("firmware")
+    return real.compiled(firmware, Path(os.environ[real.SOURCE]), folder)
 
 
 @pytest.fixture
-def rig(program: Path, compiled: Path, tmp_path: Path) -> Iterator[FirmwareRig]:
+def rig(program: Path, firmware: Firmware, compiled: Path, tmp_path: Path) -> Iterator[FirmwareRig]:
     """A host and a robot with real firmware, without a daemon."""
-    rig = FirmwareRig(program, RealFirmware(compiled, tmp_path))
+    rig = FirmwareRig(program, RealFirmware(firmware, compiled, tmp_path))
     yield rig
     rig.close()
 
@@ -54,10 +69,12 @@ def check(rig: FirmwareRig) -> tuple[int, str]:
 
 
 @pytest.mark.campaign
-def test_the_check_finds_it_and_reads_its_battery_pin(rig: FirmwareRig) -> None:
+def test_the_check_finds_it_and_reads_its_battery_pin(rig: FirmwareRig, firmware: Firmware) -> None:
     page = rig.firmware.page
-    page["proximity"][:] = [-7, 0, 11, 500, 4095, 3, 2, 1]
-    assert check(rig)[1] == f"ok   argos on {rig.device} answers, wheels at 0"
+    page["proximity"][:] = [-7, 0, 11, 500, 900, 3, 2, 1]
+    assert check(rig)[1] == f"ok   {firmware.name} on {rig.device} answers, wheels at 0"
+    if firmware.is_on_bus:
+        return  # it has no such register
     page["battery_good"] = 0
     code, said = check(rig)
     assert code == 1 and said.startswith(f"BAD  argos on {rig.device}")
@@ -67,8 +84,8 @@ def test_the_check_finds_it_and_reads_its_battery_pin(rig: FirmwareRig) -> None:
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("speed_cm_s", [8, 4])
-def test_wheels_turn_as_commanded(rig: FirmwareRig, speed_cm_s: int) -> None:
-    """Whole periods of a timer of 10 kHz a step: what ARGOS.md says, counted by their library."""
+def test_wheels_turn_as_commanded(rig: FirmwareRig, firmware: Firmware, speed_cm_s: int) -> None:
+    """A step takes whole periods of its timer; its own motor library counts."""
     rig.host.params = f"speed_cm_s={speed_cm_s}\nstop_probability=0\n"
     rig.start()
     rig.run()
@@ -86,8 +103,40 @@ def test_wheels_turn_as_commanded(rig: FirmwareRig, speed_cm_s: int) -> None:
             end="",
         )
         for steps_s, command in zip(counted, commands[0], strict=True):
-            period = int(TIMER_HZ / abs(command))
-            assert steps_s == pytest.approx(math.copysign(TIMER_HZ / period, command), rel=0.03)
+            assert steps_s == pytest.approx(firmware.steps_s(command), rel=0.03)
+
+
+@pytest.mark.campaign
+def test_its_sensors_wheels_and_leds(
+    firmware: Firmware, compiled: Path, build: Builder, tmp_path: Path
+) -> None:
+    """A robot that its host drives says what the real firmware has measured and done."""
+    remote = build(tmp_path / "vsensed", ROOT / "robot" / "controllers" / "remote.c", *QUICKLY)
+    rig = FirmwareRig(remote, RealFirmware(firmware, compiled, tmp_path))
+    page = rig.firmware.page
+    page["proximity"][:] = [-7, 0, 11, 500, 900, 3, 2, 1]
+    page["light"][:] = [4000, 3000, 2000, 1500, 1001, 3800, 3900, 4095]
+    rig.host.table, rig.host.params = REMOTE_TABLE, ""
+    commands = [(300, -200, 1 << led) for led in range(10)] + [(-400, 250, 0x355)]
+    for left, right, leds in commands:
+        rig.host.pollutant = np.array([left, right, leds, *[0] * 17], "<i2").tobytes()
+        if not rig.daemons:
+            rig.start()
+            rig.run()
+        rig.wait_for(lambda: page["leds"] == leds, f"LEDs {leds:x}")  # noqa: B023
+    rig.live_for(500 * MS)
+    for steps_s, command in zip(rig.steps_s(2000 * MS), (left, right), strict=True):
+        assert steps_s == pytest.approx(firmware.steps_s(command), rel=0.03)
+    own = own_of(rig)
+    assert own["proximity"] == [0, 0, 11, 500, 900, 3, 2, 1]
+    assert own["light"] == (firmware.dark - page["light"]).tolist(), "higher is brighter"
+    rig.host.pollutant = np.zeros(20, "<i2").tobytes()
+    rig.wait_for(lambda: not rig.moving, "rest")
+    rig.live_for(500 * MS)
+    if firmware.is_on_bus:  # it counts its steps, IRIDIA's says nothing of them
+        ways_cm = [page[side] * STEP_CM for side in ("left_steps", "right_steps")]
+        assert own_of(rig)["wheels"] == pytest.approx(ways_cm, abs=STEP_CM)
+    rig.close()
 
 
 @pytest.mark.campaign
@@ -97,7 +146,7 @@ def test_the_ring_is_lit_in_pollution(rig: FirmwareRig) -> None:
     rig.run()
     for payload, ring in ((POLLUTED, 0xFF), (CLEAN, 0), (POLLUTED, 0xFF)):
         rig.host.pollutant = payload
-        rig.wait_for(lambda: rig.firmware.page["ring"] == ring, f"LEDs {ring:x}")  # noqa: B023
+        rig.wait_for(lambda: rig.firmware.page["leds"] == ring, f"LEDs {ring:x}")  # noqa: B023
 
 
 @pytest.mark.campaign

@@ -1,11 +1,14 @@
 /* What IRIDIA's epuck_firmware.c calls and does not bring: converter, radio and infrared.
  *
  * Converter and battery pin are what the test has written into the shared page (page.h). */
-#include "page.h"
-
-#include <string.h>
+#include "motor_led/e_epuck_ports.h"
 
 #include "ircom.h"
+#include "page.h"
+
+void _T2Interrupt(void);
+int e_get_steps_left(void);
+int e_get_steps_right(void);
 
 int e_get_prox(int sensor)
 {
@@ -50,8 +53,16 @@ void ircomListen(void) {}
 void ircomEnableContinuousListening(void) {}
 void ircomSend(long value) { (void)value; }
 
-int ring(void)
+void chip_tick(void)
 {
-    return LED0 | LED1 << 1 | LED2 << 2 | LED3 << 3 | LED4 << 4 | LED5 << 5 | LED6 << 6 | LED7 << 7
-           | BODY_LED << 8 | FRONT_LED << 9;
+    if (IEC0bits.T2IE && T2CONbits.TON)
+        _T2Interrupt();
+}
+
+void chip_shows(struct page *shown)
+{
+    shown->left_steps = e_get_steps_left();
+    shown->right_steps = e_get_steps_right();
+    shown->leds = LED0 | LED1 << 1 | LED2 << 2 | LED3 << 3 | LED4 << 4 | LED5 << 5 | LED6 << 6
+                  | LED7 << 7 | BODY_LED << 8 | FRONT_LED << 9;
 }

@@ -1,6 +1,7 @@
-/* Runs firmware of a dsPIC as a process: `process MASTER PAGE`.
+/* Runs firmware of a dsPIC as a process: `process LINE PAGE`.
  *
- * MASTER is the descriptor of a pseudo-terminal's master, the UART; PAGE a file for struct page. The
+ * LINE is the descriptor of a pseudo-terminal's master, the UART, or of a bus' listening socket; PAGE
+ * a file for struct page. The
  * timer's interrupt is a signal, so it comes between any two instructions of the firmware, as on the
  * chip; periods that the machine has slept through are made up for. A reset starts the program anew:
  * nothing of its memory is left but the page. */
@@ -17,16 +18,11 @@
 
 #include "page.h"
 
-enum { TICK_NS = 100000 };
-
 int firmware_main(void);
-void _T2Interrupt(void);
-int e_get_steps_left(void);
-int e_get_steps_right(void);
 
 struct page *page;
+int line;
 static char **words;
-static int line;
 static int64_t next_ns;
 
 static int64_t now_ns(void)
@@ -57,14 +53,11 @@ static void tick(int signal_number)
     }
     int64_t now = now_ns();
     for (; next_ns <= now; next_ns += TICK_NS)
-        if (IEC0bits.T2IE && T2CONbits.TON)
-            _T2Interrupt();
-    int left = e_get_steps_left(), right = e_get_steps_right();
+        chip_tick();
+    int32_t left = page->left_steps, right = page->right_steps;
+    chip_shows(page);
     if (left != page->left_steps || right != page->right_steps)
         page->stepped_ns = now;
-    page->left_steps = left;
-    page->right_steps = right;
-    page->ring = ring();
 }
 
 int uart_get(char *c)
