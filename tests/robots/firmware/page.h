@@ -6,6 +6,7 @@
 
 /** Memory that the test maps, too; `PAGE` of real.py has the same layout. */
 struct page {
+    int64_t late_ns; /**< The longest that it was held up; the test sets it to 0. */
     int64_t stepped_ns; /**< Raw monotonic clock at a motor's newest step. */
     int32_t left_steps, right_steps; /**< Of the firmware's own motor library, since its reset. */
     int32_t leds; /**< Those on: bits 0-7 ring, 8 body, 9 front. */

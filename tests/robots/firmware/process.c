@@ -52,6 +52,8 @@ static void tick(int signal_number)
         begin_anew();
     }
     int64_t now = now_ns();
+    if (now - next_ns > page->late_ns)
+        page->late_ns = now - next_ns;
     for (; next_ns <= now; next_ns += TICK_NS)
         chip_tick();
     int32_t left = page->left_steps, right = page->right_steps;

@@ -2,8 +2,8 @@
 
 Its sources stay where their authors have put them: `scripts/bench firmware --source FOLDER`
 compiles them from a checkout that the user gives. Registers become variables, declared from the
-names that the sources use; `process.c` brings timer and serial line, and `argos.c` and
-`york.c` what lies below the firmware.
+names that the sources use; `process.c` brings timer and serial line, and `argos.c`,
+`asercom.c` and `york.c` what lies below the firmware.
 
 Not shown by it: the converter, the wake-up light, a serial line's speed, and `int` of 16 bits.
 """
@@ -27,6 +27,7 @@ import numpy as np
 
 from tests.conftest import require_tool
 from tests.robots.rig import MS, Rig
+from tests.robots.stopping import CANARY_NS
 from vsense.base.clock import host_ns
 from vsense.modes.lab._microcontrollers import Actuation
 from vsense.robots.inprocess import AMBIENT_RAW
@@ -37,7 +38,8 @@ SOURCE = "VSENSE_FIRMWARE"
 
 PAGE = np.dtype(
     [
-        ("stepped_ns", "<i8"), ("left_steps", "<i4"), ("right_steps", "<i4"), ("leds", "<i4"),
+        ("late_ns", "<i8"), ("stepped_ns", "<i8"),
+        ("left_steps", "<i4"), ("right_steps", "<i4"), ("leds", "<i4"),
         ("resets", "<i4"), ("radio_sent", "<i4"), ("radio_inits", "<i4"), ("bus", "<i4"),
         ("reset", "<i4"), ("battery_good", "<i4"), ("proximity", "<i4", 8), ("light", "<i4", 8),
     ],
@@ -45,8 +47,8 @@ PAGE = np.dtype(
 )  # fmt: skip
 """`struct page` of page.h."""
 
-STILL_NS = 60 * MS
-"""Slowest wheels make a step every 50 ms or so."""
+STILL_NS = 150 * MS
+"""A machine that is busy may hold the process up for a while; its steps are made up for."""
 
 HEADER = """\
 #ifndef CHIP_H
@@ -82,6 +84,10 @@ class Firmware:
         headers: files of the other compiler that its sources include.
         timer_hz: steps of its motors are whole periods of this clock.
         dark: what the base takes for darkness of its light sensors.
+        leds: those that it lights, bits 0-7 ring, 8 body, 9 front.
+        has_battery_pin, counts_steps: whether it says so.
+        options: of the daemon's base.
+        spread: how far, relatively, its motors' steps may be from that.
         more: periods that a step takes beyond those that the firmware sets.
     """
 
@@ -92,12 +98,24 @@ class Firmware:
     headers: tuple[str, ...]
     timer_hz: float
     dark: int
+    leds: int = 0x3FF
+    has_battery_pin: bool = True
+    counts_steps: bool = True
+    options: str = ""
+    spread: float = 0.03
     more: int = 0
 
     @property
     def is_on_bus(self) -> bool:
         """Whether its line is an I2C bus."""
         return self.name == "york"
+
+    def is_held_up(self) -> bool:
+        """Whether rig or firmware was late since the last call: what was measured says nothing."""
+        page = self.firmware.page
+        late_ns = max(self.held_up_ns, int(page["late_ns"]))
+        self.held_up_ns = page["late_ns"] = 0
+        return late_ns > CANARY_NS
 
     def steps_s(self, command: int) -> float:
         """Steps per second that its motors make for a command other than 0."""
@@ -114,10 +132,31 @@ FIRMWARES = (
             "firmware/epuck_firmware.c",
             *(f"motor_led/advance_one_timer/e_{part}.c" for part in ("motors", "led", "agenda")),
         ),
-        (".", "a_d/advance_ad_scan", "randb", "ircom"),
+        (".", "motor_led", "a_d/advance_ad_scan", "randb", "ircom"),
         ("p30F6014A.h",),
         timer_hz=10_000,
         dark=4096,
+        counts_steps=False,
+    ),
+    Firmware(
+        "asercom",
+        ".",
+        (
+            "program/DemoGCtronic-complete/Asercom.c",
+            "library/a_d/advance_ad_scan/e_prox.c",
+            *(
+                f"library/motor_led/advance_one_timer/e_{part}.c"
+                for part in ("motors", "led", "agenda")
+            ),
+        ),
+        ("program/DemoGCtronic-complete", "library", "library/motor_led"),
+        ("p30F6014A.h",),
+        timer_hz=10_000,
+        dark=4095,
+        leds=0xFF,
+        options=",mode=extension",
+        # Below 601 steps/s each repetition of a speed begins a step's pause anew.
+        spread=0.1,
     ),
     Firmware(
         "york",
@@ -127,6 +166,7 @@ FIRMWARES = (
         ("xc.h", "i2c.h", "libpic30.h"),
         timer_hz=14_745_600 / 256,
         dark=4095,
+        has_battery_pin=False,
         more=1,
     ),
 )
@@ -174,7 +214,9 @@ def compiled(firmware: Firmware, source: Path, folder: Path) -> Path:
         RuntimeError: the compiler's words.
     """
     root = source / firmware.root
-    texts = [path.read_text("latin-1") for path in root.rglob("*.[ch]")]
+    used = [root / name for name in firmware.sources]
+    used += [path for name in firmware.folders for path in (root / name).glob("*.h")]
+    texts = [path.read_text("latin-1") for path in used]
     header = HEADER.format(declarations=registers(texts))
     for name in firmware.headers:
         (folder / name).write_text(header)
@@ -193,7 +235,14 @@ def compiled(firmware: Firmware, source: Path, folder: Path) -> Path:
         objects.append(str(folder / f"{path.stem}.o"))
         _run([compiler, *flags, *ours, *included, "-c", str(path), "-o", objects[-1]])
     program = folder / "firmware"
-    _run([compiler, "-o", str(program), *objects])
+    link = [compiler, "-o", str(program), *objects]
+    done = subprocess.run(link, capture_output=True, text=True, check=False)
+    missing = set(re.findall(r"undefined reference to `(\w+)'", done.stderr))
+    if not missing:
+        return program
+    stubs = folder / "stubs.c"
+    stubs.write_text("".join(f"int {name}() {{ return 0; }}\n" for name in sorted(missing)))
+    _run([*link, "-w", str(stubs)])
     return program
 
 
@@ -223,7 +272,7 @@ class RealFirmware:
         end = self._bus(folder) if firmware.is_on_bus else self._terminal()
         words = [str(program), str(end), str(file)]
         self._process = subprocess.Popen(words, pass_fds=[end])
-        self.bases = [f"{firmware.name}:{self.devices[0]}"]
+        self.bases = [f"{firmware.name}:{self.devices[0]}{firmware.options}"]
 
     def _bus(self, folder: Path) -> int:
         listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -274,6 +323,13 @@ class FirmwareRig(Rig):
         """Whether its motors have made a step just now."""
         return host_ns() - int(self.firmware.page["stepped_ns"]) < STILL_NS
 
+    def is_held_up(self) -> bool:
+        """Whether rig or firmware was late since the last call: what was measured says nothing."""
+        page = self.firmware.page
+        late_ns = max(self.held_up_ns, int(page["late_ns"]))
+        self.held_up_ns = page["late_ns"] = 0
+        return late_ns > CANARY_NS
+
     def steps_s(self, duration_ns: int) -> tuple[float, float]:
         """Steps per second of both motors, counted by the firmware's motor library."""
         page = self.firmware.page
@@ -295,7 +351,7 @@ def main() -> NoReturn:
         type=Path,
         required=True,
         metavar="FOLDER",
-        help="a checkout of argos3-epuck (IRIDIA) or pi-puck-e-puck1 (York)",
+        help="a checkout of argos3-epuck (IRIDIA), e-puck-library (GCtronic) or pi-puck-e-puck1",
     )
     source: Path = parser.parse_args().source
     if firmware_of(source) is None:
