@@ -128,6 +128,15 @@ ROBOT = '[[robot]]\ntag = 1\nhost = "a"\n'
             4,
             "light_scale: expected 1 or 8 DARK:BRIGHT",
         ),
+        *(
+            (f"{ROBOT}calibration.{name} = '{span}'\n", 4, f"{name}: expected 1 or {count} ")
+            for name, span, count in (
+                ("proximity_scale", "80:4097", 8),
+                ("light_scale", "80:4097", 8),
+                ("light_scale", "-4097:80", 8),
+                ("ground_scale", "80:1024", 3),
+            )
+        ),
         (f"{ROBOT}[robot.motor]\n", 4, "'motor' is not known in [[robot]]; "),
         (
             "[default]\n[[robot]]\ntag = 1\n",

@@ -28,6 +28,7 @@ from vsense.modes.sim.watch import simulate_all
 from vsense.robots import build
 from vsense.robots.sources import CodeOptions, ProgramSources
 from vsense.run import _loop_process
+from vsense.run._loop_floor import FloorPainter, LoopFloor
 from vsense.run.cxx_loop import CxxLoopFunctions
 from vsense.run.environment import Environment
 from vsense.run.programs import shared_objects
@@ -120,6 +121,7 @@ def test_what_stands_and_shines_changes(mission: Callable[..., Path]) -> None:
     columns = (image == 0).all(axis=(0, 2))
     # 48 pixels over 2.4 m: the edge at 0.3 m is that of pixel 30.
     assert columns.tolist() == [False] * 30 + [True] * 18
+    assert image.shape == (48, 48, 3)
 
 
 RESTLESS = r"""
@@ -275,6 +277,21 @@ def test_timesteps_in_c_are_the_same(
             poses = run.record.poses.tobytes(), run.record.leds.tobytes()
             runs.append((poses, measures, run.record.events, dict(run.environment.world.entities)))
     assert runs[0] == runs[1]
+
+
+def test_a_picture_asks_for_the_middles_of_its_pixels() -> None:
+    asked = []
+
+    def ask(points_m: NDArray[np.float64]) -> NDArray[np.uint8]:
+        asked.append(points_m.copy())
+        return np.zeros((len(points_m), 3), np.uint8)
+
+    painter = FloorPainter(ask, None)
+    floor = LoopFloor(None, (2.0, 1.0), (0.3, -0.4), painter=painter, pixels_per_m=2.0)
+    image = floor.picture(100)
+    assert image is not None and image.shape == (2, 4, 3)
+    middles = [(x, y) for y in (-0.15, -0.65) for x in (-0.45, 0.05, 0.55, 1.05)]
+    assert np.vstack(asked) == pytest.approx(np.array(middles))
 
 
 def test_a_picture_of_the_floor_is_no_part_of_a_run(mission: Callable[..., Path]) -> None:

@@ -13,8 +13,11 @@ import pytest
 from tests.rigs.lines import in_sight
 from vsense.base.arena import ArenaState
 from vsense.base.errors import VsenseError
+from vsense.base.readings import SensorReadings
 from vsense.config.experiment import load
-from vsense.robots.link.table import Direction, Entry
+from vsense.robots.link.table import Direction, Entry, Table
+from vsense.robots.python_swarm import OWN_COUNTS
+from vsense.run._own_devices import OwnDevices
 from vsense.run.environment import Environment
 from vsense.world.sightings import NEVER_NS
 
@@ -277,3 +280,20 @@ def test_a_virtual_robot_repeats_its_run_bit_by_bit(tmp_path: Path, state: State
         one.world.fields["trail"].concentration, same.world.fields["trail"].concentration
     )
     assert NEVER_NS not in one.world.robots["capture_ns"]
+
+
+def test_own_sensors_are_where_a_robot_has_put_them() -> None:
+    """`remote.c` says of each sensor how many numbers are known, then them, one after the other."""
+    devices = OwnDevices(Table(), [31], STEP_NS)
+    numbers = [
+        number
+        for at, count in enumerate(OWN_COUNTS.values())
+        for number in (count, *(100.0 * at + n for n in range(count)))
+    ]
+    devices.hear(31, np.array(numbers, "<f4").tobytes(), 7)
+    none = SensorReadings([31], [], np.zeros((1, 0), np.uint8), np.zeros((1, 0), np.int64))
+    readings = devices.sense(none, 7)[31]
+    for at, (count, (data, measured_ns)) in enumerate(zip(OWN_COUNTS.values(), readings)):
+        values = np.frombuffer(data, "<f4").tolist()
+        assert (values, measured_ns) == ([100.0 * at + n for n in range(count)], 7)
+    assert len(readings) == len(OWN_COUNTS)

@@ -116,6 +116,14 @@ def test_a_new_run_begins_with_nobody_standing() -> None:
     assert unseen.update(state(0)) == []
 
 
+def test_the_fence_itself_is_inside() -> None:
+    standing = StandingRobots(swarm(FENCE))
+    standing.update(state(0, 8, seven=(1.0, 0.0)))
+    assert standing.reasons == {}
+    standing.update(state(100, 8, seven=(1.0 + 1e-9, 0.0)))
+    assert standing.reasons.keys() == {7}
+
+
 @pytest.mark.parametrize(
     ("attributes", "expected"),
     [

@@ -9,7 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense.base.arena import POSE, ArenaState
+from vsense.world.entities import VIRTUAL_TAG_MIN, VirtualRobot
 from vsense.world.pollution import PollutantSource
+from vsense.world.sightings import standing
 from vsense.world.world import NEVER_NS, World
 
 States = Callable[..., ArenaState]
@@ -110,3 +112,9 @@ def test_the_world_does_not_change_the_arena_state(state: States) -> None:
     world.update(state({}, 2 * STEP_NS), 1)
     assert np.array_equal(arena.robots, before)
     assert before.dtype == POSE
+
+
+def test_a_virtual_robot_is_always_seen_where_it_is() -> None:
+    (row,) = standing([VirtualRobot("ghost", VIRTUAL_TAG_MIN, 0.5, -0.2, 0.1)], 7)
+    names = ("tag", "x_m", "y_m", "yaw_rad", "capture_ns", "seen", "confidence")
+    assert [row[name] for name in names] == [VIRTUAL_TAG_MIN, 0.5, -0.2, 0.1, 7, True, 1.0]

@@ -9,10 +9,13 @@ import pytest
 
 from tests.conftest import Place, States
 from vsense.base.errors import VsenseError
-from vsense.config.experiment import load
+from vsense.config.experiment import SHIPPED_FOLDER, load
 from vsense.config.placement import settle
 from vsense.run.environment import Environment
 from vsense.world.entities import Light, Zone
+
+START = str(SHIPPED_FOLDER / "start" / "start.argos")
+"""What `vsense new` copies."""
 
 AWAY: Place = (0.0, 1.15, 0.0)
 """Where robots are that a test does not put elsewhere."""
@@ -60,6 +63,15 @@ def test_the_light_goes_once_round_and_is_measured_on_the_floor(live: Living) ->
     assert whole.end()["light_distance_mean_m"] == pytest.approx(
         np.mean([np.hypot(0.9, 1.15), 0.61, np.hypot(0.9, 1.15), 1.69, np.hypot(0.9, 1.15)])
     )
+
+
+def test_the_start_experiment_counts_who_stands_on_its_spot(live: Living) -> None:
+    spot = live(START, [{}]).world.entities["spot"]
+    assert isinstance(spot, Zone)
+    on, off = (spot.x_m, spot.y_m, 0.0), (spot.x_m + 2.0 * spot.radius_m, spot.y_m, 0.0)
+    counted = live(START, [{0: on, 1: off}, {0: off, 1: off}, {0: on, 1: on}])
+    assert dict(counted.world.results) == {"robots_on_spot": 2.0}
+    assert counted.end()["robots_on_spot_mean"] == 1.0
 
 
 def test_robots_are_counted_by_the_colour_that_they_stand_on(live: Living) -> None:

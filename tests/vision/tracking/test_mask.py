@@ -55,6 +55,8 @@ def test_what_is_drawn_is_what_is_kept() -> None:
     # Within a step of drawing, the polygon lies on the margin or on the picture's border.
     on_border = ~camera.contains(np.array(polygon), 4.0)
     assert SQUARE.distance_m(places)[~on_border] == pytest.approx(0.09, abs=0.025)
+    (triangle,) = outlines_px(Mask(((0.3, 0.1), (0.4, 0.1), (0.35, 0.2)), 0.0), camera, 0.0)
+    assert len(triangle) >= 3
     assert outlines_px(Mask(((9.0, 9.0), (9.5, 9.0), (9.5, 9.5))), camera, 0.0) == []
 
 

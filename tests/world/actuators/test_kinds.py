@@ -138,7 +138,7 @@ def test_a_source_without_an_amount_stays_as_it_is(scope: Scope) -> None:
 
 def test_the_amount_of_a_source_stands_in_its_sensor(scope: Scope) -> None:
     text = '<virtual_pollutant_sensor pollutant_entity="polluter" {}/>'
-    for setting, amount in (('vs:amount="20"', 20.0), ("", math.inf)):
+    for setting, amount in (('vs:amount="0.5"', 0.5), ('vs:amount="20"', 20.0), ("", math.inf)):
         devices.mount_sensor(element_of(text.format(setting)), scope)
         assert scope.sources[-1].amount == amount
     with pytest.raises(ConfigError, match=r"vs:amount: 0.*range"):

@@ -233,6 +233,19 @@ def test_all_sensors_with_their_defaults_fit_half_a_datagram() -> None:
     assert sum(table.sizes) < lib.VS_DATAGRAM_MAX / 2
 
 
+@pytest.mark.parametrize(
+    ("name", "units"),
+    [
+        ("rgb_ground", (255.0, 255.0, 255.0, 0.0)),
+        ("leds", (0.0, *(100.0, 1.0, 255.0, 255.0, 255.0) * 20)),
+    ],
+)
+def test_a_unit_of_a_colour_is_its_whole_range(name: str, units: tuple[float, ...]) -> None:
+    """What is no quantity, a flag or a count, has none."""
+    scale = mount(EVERY[name] + "/>", SCOPE).sensor.scale
+    assert np.asarray(scale.unit).tolist() == list(units)
+
+
 EXTREMES = [(0.0, 0.0, 0.0), (1e-300, 0.0, math.pi), (1e3, -1e3, -3.0), (0.05, 0.0, 0.0)]
 
 

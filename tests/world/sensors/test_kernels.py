@@ -258,6 +258,8 @@ def test_camera(name: str, world: World) -> None:
     """But for the last bit of arcus tangents."""
     readings, expected = both_ways(CAMERAS[name], world, numpy_sensors.camera)
     check_but_for_bearings(readings, expected, 5)
+    blob = (100.0, 1.0, 255.0, 255.0, 255.0)  # cm, rad, the range of a colour
+    assert CAMERAS[name].scale.unit == (0.0, *blob * CAMERAS[name].max_blobs)
 
 
 @pytest.mark.parametrize("xml", ["epuck_rgb_leds", "leds", "epuck_base_leds"])
