@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -108,43 +109,44 @@ def _print(options: argparse.Namespace) -> int:
         raise UsageError(
             "expected -o and --ids, --roster or --for for sheets, or the action find; see --help"
         )
-    wanted, names = _FAMILY, dict[int, str]()
+    wanted = SheetOptions(output, _FAMILY, options.ids or "", paper=options.paper, dpi=options.dpi)
     if options.wearer is not None:
-        wanted, names = _worn(options.wearer)
+        wanted = _worn(options.wearer, wanted)
     elif options.roster is not None:
-        robots = roster.read(options.roster).robots
-        names = {robot.tag: robot.name or robot.host for robot in robots}
-    sheets = sheet.write(
-        SheetOptions(
-            output=output,
-            family=options.family or wanted,
-            ids=options.ids or "",
-            names=names,
-            size_mm=options.size,
-            paper=options.paper,
-            dpi=options.dpi,
-        )
-    )
+        wanted = _owned(options.roster, wanted)
+    family = options.family or wanted.family
+    sheets = sheet.write(replace(wanted, family=family, size_mm=options.size))
     if options.json:
         facts = {"files": [str(name) for name in sheets.files], "tags": sheets.tags}
         print_data(json.dumps(facts))
     else:
         print_data("\n".join(str(name) for name in sheets.files))
     Console().say(f"vsense: tags {' '.join(map(str, sheets.tags))}")
-    if words := confusion(load_family(options.family or wanted), sheets.tags):
-        Console().say(f"vsense: {words}", "warning")
+    for words in (confusion(load_family(family), sheets.tags), sheets.too_large):
+        if words:
+            Console().say(f"vsense: {words}", "warning")
     if sheets.scale:
         Console().say(f"vsense: {sheets.scale}")
     return 0
 
 
-def _worn(experiment: str) -> tuple[str, dict[int, str]]:
-    """The marker family of an experiment, and by tag who wears it."""
+def _worn(experiment: str, wanted: SheetOptions) -> SheetOptions:
+    """Sheets of an experiment's marker family, for its robots and tagged objects."""
     from vsense.config.experiment import load  # nobody else here needs it
 
     worn = load(experiment)
-    names = {robot.tag: robot.id for robot in worn.robots}
-    return worn.marker.family, names | {thing.tag: thing.id for thing in worn.objects}
+    names = {body.tag: body.id for body in worn.bodies}
+    bodies_mm = {body.tag: 2000.0 * body.model.radius_m for body in worn.bodies}
+    return replace(wanted, family=worn.marker.family, names=names, bodies_mm=bodies_mm)
+
+
+def _owned(path: Path, wanted: SheetOptions) -> SheetOptions:
+    """Sheets for a lab's robots; bodies are known of those whose models the roster says."""
+    lab = roster.read(path)
+    names = {robot.tag: robot.name or robot.host for robot in lab.robots}
+    models = {robot.tag: lab.model_of(robot) for robot in lab.robots}
+    bodies_mm = {tag: 2000.0 * model.radius_m for tag, model in models.items() if model}
+    return replace(wanted, names=names, bodies_mm=bodies_mm)
 
 
 def _dpi(text: str) -> int:

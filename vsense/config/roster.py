@@ -31,6 +31,8 @@ from vsense.base.errors import ConfigError, UsageError, failing_as
 from vsense.base.files import MOST_FILE_BYTES, replace_text
 from vsense.base.toml import TomlFile, decode_toml, read_toml_text
 from vsense.config.roster_fields import DEFAULTS, LAB, MarkerOffset, RobotCalibration
+from vsense.world.entities import WorldError
+from vsense.world.robot_models import RobotModel, model_of
 
 FILE_NAME = "robots.toml"
 
@@ -107,6 +109,17 @@ class Roster:
     def get(self, tag: int) -> RosterRobot | None:
         """The robot with a tag; None: there is none."""
         return next((robot for robot in self.robots if robot.tag == tag), None)
+
+    def model_of(self, robot: RosterRobot) -> RobotModel | None:
+        """A robot's model, a shipped one or a file beside the roster; None: it does not say.
+
+        Raises:
+            ConfigError: there is no such model, or its file is wrong.
+        """
+        try:
+            return model_of(robot.model, self.path.parent) if robot.model else None
+        except (WorldError, UsageError) as error:
+            raise self.error(robot, f"model: {error}") from None
 
     def error(self, robot: RosterRobot, words: str) -> ConfigError:
         """The error that something of a robot's cannot be."""

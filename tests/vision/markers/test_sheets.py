@@ -28,6 +28,7 @@ from vsense.vision.markers._paper import Fill, Page, Text
 from vsense.vision.markers.families import MarkerFamily, load_family
 from vsense.vision.markers.sheet import in_words, shapes
 from vsense.vision.tracking._detector import make_detector
+from vsense.world.robot_models import MODELS_FOLDER
 
 ARROW = load_family("arrow4x4")
 FAMILIES = ["arrow4x4", "arrow4x4-thesis", "aruco_4x4_50", "apriltag_36h11"]
@@ -96,6 +97,24 @@ def test_detector_reads_every_printed_marker_at_its_place(
         step_mm = np.diff(np.unique(np.round(1e3 * ground[:, 0] / 5.0))) * 5.0
         assert step_mm == pytest.approx(75.0, abs=5.0)
     assert sorted(found) == chosen
+
+
+def test_a_larger_body_has_its_edge_around_a_disc_of_the_same_size(tmp_path: Path) -> None:
+    """A detector reads a marker in so much white, and the outer line is as wide as the body."""
+    bodies = {23: 160.0, 4334: 70.0, 52447: 170.0, 7: 75.0, 9: 400.0}
+    pages = sheet.pages(ARROW, list(bodies), 70.0, "a4", bodies_mm=bodies)
+    assert len(pages) == 3
+    detector = make_detector(ARROW, list(bodies), 0.0)
+    widths = {}
+    for image in printed(pages, 50.8, tmp_path):
+        rows = detector.detect(image, seen_from_above(image, 50.8))
+        for row in rows[rows["tag"] != UNNAMED]:
+            y = round(float(row["y_px"]))
+            dark = np.flatnonzero(image[y - 4 : y + 5].min(axis=0) < 245)
+            widths[int(row["tag"])] = np.ptp(dark) / 2.0
+    assert set(widths) == set(bodies)
+    assert widths[23] == pytest.approx(160.0, abs=1.5)
+    assert widths[52447] == pytest.approx(170.0, abs=1.5)
 
 
 def test_every_tag_is_on_the_sheet_and_nothing_leaves_the_paper() -> None:
@@ -250,6 +269,27 @@ def test_an_experiment_has_the_sheets_that_its_robots_need(
     told = json.loads(capsys.readouterr().out)
     tags = [robot.tag for robot in worn.robots] + [thing.tag for thing in worn.objects]
     assert told["tags"] == tags and Path(told["files"][0]).is_file()
+
+
+def test_a_rosters_sheets_know_bodies_and_name_those_smaller_than_a_disc(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    epuck = (MODELS_FOLDER / "epuck.toml").read_text()
+    small = epuck.replace("radius_m = 0.035", "radius_m = 0.03", 1).replace("0.053", "0.05", 1)
+    (tmp_path / "small.toml").write_text(small)
+    models = {31: "epuck", 1843: "thymio2", 4334: "small"}
+    roster = tmp_path / "robots.toml"
+    roster.write_text("".join(f'[[robot]]\ntag={t}\nmodel="{m}"\n' for t, m in models.items()))
+    words = ["markers", "--roster", str(roster), "-o", str(tmp_path / "m.png"), "--dpi", "72"]
+    assert cli.main(words) == 0
+    said = capsys.readouterr()
+    assert len(said.out.split()) == 2
+    assert "larger than the bodies of 4334 (60 mm)" in " ".join(said.err.split())
+    assert cli.main([*words, "--size", "60mm"]) == 0
+    assert "larger than the bodies" not in capsys.readouterr().err
+    roster.write_text(roster.read_text().replace('"small"', '"smal"'))
+    assert cli.main(words) == 2
+    assert "robots.toml:7: model: there is no robot model 'smal'" in capsys.readouterr().err
 
 
 def test_robots_without_tags_wear_those_of_auto() -> None:

@@ -100,6 +100,9 @@ _FOOT_MM = 12.0
 _LABEL_MM = 6.0
 _GAP_MM = 5.0
 _BAR_MM = 100.0
+_OVERHANG_MM = 0.5
+_LARGER_MM = 10.0
+"""A body's edge is drawn where it is so much larger than the disc."""
 _CAPTION_MM = 3.2
 _NUMBER_SHARE, _NUMBER_PLACE, _NUMBER_GREY = 0.035, 0.93, 0.45
 """Of the number on the disc: size as a share of the diameter, place of its base line as a share of
@@ -119,10 +122,12 @@ def pages(
     size_mm: float,
     paper: str,
     names: Mapping[int, str] | None = None,
+    bodies_mm: Mapping[int, float] | None = None,
 ) -> list[Page]:
     """Lays out the markers of some tags, with discs of `size_mm`, on a paper of `PAPERS_MM`.
 
-    `names` are of those who will wear them, by tag.
+    `names` are of those who will wear them, by tag, and `bodies_mm` their diameters: around a disc
+    on a larger body there is a second cut line, the body's edge, if the paper has room for it.
 
     Raises:
         UsageError: A marker of that size does not fit on the paper, or cannot be cut.
@@ -133,26 +138,42 @@ def pages(
             f"a marker of {size_mm:g} mm: expected {SMALLEST_MM:g} to {largest_mm(paper):g} mm"
             f" on {paper} paper"
         )
+    cells: dict[float, list[int]] = {}
+    for tag in tags:
+        body_mm = (bodies_mm or {}).get(tag, 0.0)
+        is_shown = size_mm + _LARGER_MM <= body_mm <= largest_mm(paper)
+        cells.setdefault(body_mm if is_shown else size_mm, []).append(tag)
+    sheets = [(mm, each) for mm, worn in cells.items() for each in _shared_out(worn, mm, paper)]
+    drawn = []
+    for number, (cell_mm, places) in enumerate(sheets, 1):
+        page = Page(*PAPERS_MM[paper])
+        body = "" if cell_mm == size_mm else f" (outer line: the body, {cell_mm:.0f} mm)"
+        _frame(page, f"{family.name}, disc {size_mm:g} mm{body}, page {number} of {len(sheets)}")
+        for tag, x, y in places:
+            _marker(page, family, tag, size_mm, x, y)
+            if cell_mm != size_mm:
+                page.items.extend(dashed_circle(x, y, cell_mm / 2.0, 0.1))
+            page.items.extend(_caption(tag, (names or {}).get(tag, ""), cell_mm, x, y))
+        drawn.append(page)
+    return drawn
+
+
+def _shared_out(
+    tags: Sequence[int], cell_mm: float, paper: str
+) -> Iterator[list[tuple[int, float, float]]]:
+    """Yields for each page its tags, and the middles of their circles."""
     width, height = PAPERS_MM[paper]
-    wide, high = size_mm + _GAP_MM, size_mm + _GAP_MM + _LABEL_MM
+    wide, high = cell_mm + _GAP_MM, cell_mm + _GAP_MM + _LABEL_MM
     columns = int((width - 2.0 * _MARGIN_MM) // wide)
     rows = int((height - 2.0 * _MARGIN_MM - _HEAD_MM - _FOOT_MM) // high)
     left = (width - columns * wide) / 2.0
     top = height - _MARGIN_MM - _HEAD_MM
-    per_page = columns * rows
-    count = math.ceil(len(tags) / per_page)
-    sheets = []
-    for number in range(count):
-        page = Page(width, height)
-        _frame(page, f"{family.name}, disc {size_mm:g} mm, page {number + 1} of {count}")
-        for place, tag in enumerate(tags[number * per_page : (number + 1) * per_page]):
-            row, column = divmod(place, columns)
-            x = left + (column + 0.5) * wide
-            y = top - row * high - wide / 2.0
-            _marker(page, family, tag, size_mm, x, y)
-            page.items.extend(_caption(tag, (names or {}).get(tag, ""), size_mm, x, y))
-        sheets.append(page)
-    return sheets
+    for first in range(0, len(tags), columns * rows):
+        places = (divmod(place, columns) for place in range(columns * rows))
+        yield [
+            (tag, left + (column + 0.5) * wide, top - row * high - wide / 2.0)
+            for tag, (row, column) in zip(tags[first:], places)
+        ]
 
 
 def _marker(
@@ -233,6 +254,7 @@ class SheetOptions:
         family: a shipped family's name, or a definition file.
         ids: their numbers, as `parse_tags` reads them; where there are `names` they count.
         names: who wears them, by number.
+        bodies_mm: diameters of their bodies, by number, where they are known.
         size_mm: diameter of the disc; None: the family's.
         paper: "a4" or "letter".
         dpi: of PNGs.
@@ -242,6 +264,7 @@ class SheetOptions:
     family: str = "arrow4x4"
     ids: str = ""
     names: Mapping[int, str] = field(default_factory=dict)
+    bodies_mm: Mapping[int, float] = field(default_factory=dict)
     size_mm: float | None = None
     paper: str = "a4"
     dpi: int = 300
@@ -249,14 +272,19 @@ class SheetOptions:
 
 @dataclass(frozen=True, slots=True)
 class Sheets:
-    """Sheets that were written: files and markers' numbers; `scale` is a hint where one is needed.
+    """Sheets that were written.
 
-    It says with which definition discs of another size are tracked.
+    Attributes:
+        files: they.
+        tags: the markers' numbers.
+        scale: how discs that do not have the family's size are tracked; None: they have.
+        too_large: which bodies are smaller than their discs; None: none is.
     """
 
     files: tuple[Path, ...]
     tags: tuple[int, ...]
     scale: str | None
+    too_large: str | None
 
 
 def write(options: SheetOptions) -> Sheets:
@@ -273,7 +301,7 @@ def write(options: SheetOptions) -> Sheets:
     family = load_family(options.family)
     tags = list(options.names) if options.names else parse_tags(options.ids, family)
     size_mm = options.size_mm or family.disc_diameter_mm
-    drawn = pages(family, tags, size_mm, options.paper, options.names)
+    drawn = pages(family, tags, size_mm, options.paper, options.names, options.bodies_mm)
     if suffix == ".pdf":
         files = {output: document(drawn)}
     else:
@@ -282,7 +310,23 @@ def write(options: SheetOptions) -> Sheets:
     for name, data in files.items():
         with failing_as(UsageError, f"{name}: cannot be written"):
             name.write_bytes(data)
-    return Sheets(tuple(files), tuple(tags), _scale_hint(family, size_mm))
+    too_large = _too_large(options, size_mm)
+    return Sheets(tuple(files), tuple(tags), _scale_hint(family, size_mm), too_large)
+
+
+def _too_large(options: SheetOptions, size_mm: float) -> str | None:
+    """Names who is smaller than a disc of this size."""
+    small = {tag: body for tag, body in options.bodies_mm.items() if body < size_mm - _OVERHANG_MM}
+    if not small:
+        return None
+    names = ", ".join(
+        f"{options.names.get(tag) or tag} ({body:.0f} mm)" for tag, body in small.items()
+    )
+    return (
+        f"discs of {size_mm:g} mm are larger than the bodies of {names}: those of neighbours may"
+        f" cover each other; --size {math.floor(min(small.values()))}mm fits, and one experiment's"
+        " markers all have one size"
+    )
 
 
 def _scale_hint(family: AnyFamily, size_mm: float) -> str | None:
