@@ -139,7 +139,7 @@ def test_a_robot_plays_no_part_of_another_model(file: Path, lab: Path) -> None:
     assert tags(cast(file, lab)) == [23, 25, 26], "of the others the roster does not say"
     with pytest.raises(ConfigError, match=r"has 3 for it: .*; 30 is of the model thymio2$"):
         cast(file, lab, robots=4)
-    with pytest.raises(UsageError, match=r"37 is of the model 'thymio2', and the part of 25 is"):
+    with pytest.raises(UsageError, match=r"37 is of the model 'thymio2', and not of 'epuck'"):
         cast(file, lab, "25=37")
     file.write_text(file.read_text().replace('<e-puck id="', '<e-puck vs:model="thymio2" id="'))
     assert tags(cast(file, lab)) == [30, 25, 26]

@@ -555,8 +555,8 @@ def test_what_is_known_of_a_robot_goes_into_its_settings(tmp_path: Path) -> None
         f"{path.read_text()}[robot.calibration]\nwheel_ratio = 1.004\naxle_length_mm = 53.4\n"
         f'proximity_scale = "{spans}"\nwhen = 2026-11-23\n'
     )
-    (robot,) = roster.read(path).robots
-    lines = deploying.settings_text(board_of(robot).settings).splitlines()
+    lab = roster.read(path)
+    lines = deploying.settings_text(board_of(lab, lab.robots[0]).settings).splitlines()
     assert set(lines[1:]) == {
         "tag = 1",
         "name = left",

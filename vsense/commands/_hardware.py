@@ -115,7 +115,7 @@ def robots_of(options: argparse.Namespace, experiment: Experiment) -> LabRobots:
     roster = _rosters.roster_of(options, here=False)
     if roster is None:
         return LabRobots(drawn, worn=worn, radios=radios)
-    settings = {robot.tag: robot.calibration.settings for robot in roster.robots}
+    settings = {robot.tag: roster.settings_of(robot) for robot in roster.robots}
     return LabRobots(drawn, roster.markers, settings, worn, radios)
 
 

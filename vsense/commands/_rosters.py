@@ -106,14 +106,18 @@ def chosen(
     return working
 
 
-def board_of(robot: RosterRobot) -> RobotHost:
-    """What `vsense robot deploy` knows of a robot: how it is reached, and vsensed's settings."""
+def board_of(roster: Roster, robot: RosterRobot) -> RobotHost:
+    """What `vsense robot deploy` knows of a robot: how it is reached, and vsensed's settings.
+
+    Raises:
+        ConfigError: what was measured of it is nothing that vsensed takes.
+    """
     from vsense.robots.deploying import RobotHost  # a simulation asks no board
 
     board = {_SETTINGS.get(name, name): value for name, value in robot.board.items()}
     own = {"tag": str(robot.tag), "name": robot.name, "uid": robot.uid}
     settings = {name: value for name, value in own.items() if value}
-    return RobotHost(robot.host, {**settings, **board, **robot.calibration.settings}, robot.line)
+    return RobotHost(robot.host, {**settings, **board, **roster.settings_of(robot)}, robot.line)
 
 
 _SETTINGS = {"run_host": "host", "battery_stop_mv": "battery-stop-mv"}
@@ -136,7 +140,7 @@ def boards(
             check_host(roster, robot)
     if left := [str(robot.tag) for robot in robots if not robot.host]:
         say(f"without a host in {roster.path}, and left out: {', '.join(left)}")
-    return [board_of(robot) for robot in reached]
+    return [board_of(roster, robot) for robot in reached]
 
 
 def check_host(roster: Roster, robot: RosterRobot) -> None:

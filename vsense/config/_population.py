@@ -134,10 +134,9 @@ def cast(bodies: ArenaContents, family: str, casting: Casting, file: str) -> Non
     _give_tags(bodies, family, owned, idle)
     _put_in(bodies, casting)
     for robot in bodies.robots:
-        if not casting.fits(robot.tag, robot.model.name):
-            words = f"{casting.roster} says that robot {robot.tag} is of the model"
-            words = f"{words} {dict(casting.models)[robot.tag]!r}, and here it is of"
-            raise ConfigError(file, robot.line, f"{robot.id!r}: {words} {robot.model.name!r}")
+        if unfit := casting.unfit(robot.tag, robot.model.name):
+            words = f"{robot.id!r}: {casting.roster} says that robot {robot.tag} {unfit}"
+            raise ConfigError(file, robot.line, words)
 
 
 def _take_robots(bodies: ArenaContents, casting: Casting) -> frozenset[str]:
@@ -159,7 +158,7 @@ def _take_robots(bodies: ArenaContents, casting: Casting) -> frozenset[str]:
     free = [tag for tag in casting.free if tag not in bodies.lines_of_tags]
     given = dict[str, int]()
     for name in wanted:
-        fitting = (tag for tag in free if casting.fits(tag, models[name]))
+        fitting = (tag for tag in free if not casting.unfit(tag, models[name]))
         if (tag := next(fitting, None)) is not None:
             given[name] = tag
             free.remove(tag)

@@ -95,13 +95,18 @@ class Casting:
         broken = [why for tag, why in self.others if tag == new and why != SPARE]
         if broken:
             raise UsageError(f"{what}: {new} is {broken[0]}")
-        if not self.fits(new, playing[out]):
-            words = f"{new} is of the model {dict(self.models)[new]!r}, and the part of {out}"
-            raise UsageError(f"{what}: {words} is that of the model {playing[out]!r}")
+        if unfit := self.unfit(new, playing[out]):
+            raise UsageError(f"{what}: {new} {unfit}, as the part of {out} is")
 
-    def fits(self, tag: int, model: str) -> bool:
-        """Whether a robot is of a model, as far as the roster says."""
-        return dict(self.models).get(tag, model) == model
+    def unfit(self, tag: int, model: str) -> str:
+        """Why a robot plays no part of a model's, for errors; "": it may, as far as the roster
+        says."""
+        own = next((name for other, name in self.models if other == tag), model)
+        return "" if own == model else f"is of the model {own!r}, and not of {model!r}"
+
+    def type_of(self, tag: int) -> str:
+        """Of `types`; "": the roster has none."""
+        return next((kind for other, kind in self.types if other == tag), "")
 
     def spares(self, playing: Collection[int]) -> list[int]:
         """The roster's spares that work and do not play."""

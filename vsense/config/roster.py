@@ -30,9 +30,9 @@ from typing import Any, BinaryIO
 from vsense.base.errors import ConfigError, UsageError, failing_as
 from vsense.base.files import MOST_FILE_BYTES, replace_text
 from vsense.base.toml import TomlFile, decode_toml, read_toml_text
-from vsense.config.roster_fields import DEFAULTS, LAB, MarkerOffset, RobotCalibration
+from vsense.config.roster_fields import DEFAULTS, LAB, MarkerOffset, RobotCalibration, refuse_lines
 from vsense.world.entities import WorldError
-from vsense.world.robot_models import RobotModel, model_of
+from vsense.world.robot_models import EPUCK, RobotModel, model_of
 
 FILE_NAME = "robots.toml"
 
@@ -120,6 +120,17 @@ class Roster:
             return model_of(robot.model, self.path.parent) if robot.model else None
         except (WorldError, UsageError) as error:
             raise self.error(robot, f"model: {error}") from None
+
+    def settings_of(self, robot: RosterRobot) -> dict[str, str]:
+        """vsensed's settings of what was measured of a robot; raises as `model_of`, and where it
+        is farther from its model, by default an e-puck, than vsensed takes."""
+        calibration = robot.calibration
+        if not calibration.settings:
+            return {}
+        try:
+            return calibration.settings_of(self.model_of(robot) or EPUCK)
+        except ValueError as error:
+            raise self.error(robot, str(error)) from None
 
     def error(self, robot: RosterRobot, words: str) -> ConfigError:
         """The error that something of a robot's cannot be."""
@@ -335,7 +346,7 @@ def _read(path: Path, text: str, least: int = 1) -> Roster:
     try:
         file = TomlFile(path, text)
     except ConfigError:
-        _refuse_lines(path, text)
+        refuse_lines(path, text)
         raise
     values = file.read(LAB)
     if len(values.get("robot", ())) < least:
@@ -347,6 +358,8 @@ def _read(path: Path, text: str, least: int = 1) -> Roster:
             words = "this robot has no tag: expected tag = 0..65535"
             raise file.error(words, "robot", number)
         robots.append(_robot(own, defaults, file.line("robot", number)))
+        if not robots[-1].model:
+            _check_lengths(file, number, robots[-1])
     _check_unique(str(path), robots)
     return Roster(path, tuple(robots))
 
@@ -364,26 +377,14 @@ def _robot(own: Mapping[str, Any], defaults: Mapping[str, Any], line: int) -> Ro
     )
 
 
+def _check_lengths(file: TomlFile, number: int, robot: RosterRobot) -> None:
+    try:
+        robot.calibration.settings_of(EPUCK)
+    except ValueError as error:
+        raise file.error(str(error), "robot", number, "calibration") from None
+
+
 _OWN = ("tag", "host", "uid", "name", "model", "spare", "out_of_order")
-
-_OLD_OPTION = re.compile(r"[a-z-]+=\S+")
-
-
-def _refuse_lines(path: Path, text: str) -> None:
-    """Says how a list of lines, as robots.txt was, is written now: `host tag=23 base=overo`."""
-    for number, line in enumerate(text.splitlines(), 1):
-        host, *options = line.partition("#")[0].split() or [""]
-        tags = [option[4:] for option in options if option.startswith("tag=")]
-        if (
-            tags
-            and tags[0].isdecimal()
-            and not set(host) & set("[]=")
-            and all(map(_OLD_OPTION.fullmatch, options))
-        ):
-            words = f'tag = {tags[0]} and host = "{host}", in robots.toml'
-            raise ConfigError(
-                str(path), number, f"this robot is a table [[robot]] now, with {words}"
-            )
 
 
 def _check_unique(file: str, robots: Sequence[RosterRobot]) -> None:

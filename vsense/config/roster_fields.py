@@ -5,12 +5,15 @@ from __future__ import annotations
 import ipaddress
 import math
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
 from typing import Any
 
+from vsense.base.errors import ConfigError
 from vsense.base.native import lib
 from vsense.base.toml import Reader, Schema, boolean, integer, matching, real, single_line
+from vsense.world.robot_models import EPUCK, RobotModel
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,13 +37,27 @@ class RobotCalibration:
 
     @property
     def settings(self) -> dict[str, str]:
-        """vsensed's settings by their names."""
+        """An e-puck's settings of vsensed by their names."""
         values = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "when"}
         return {
             name.removesuffix("_mm").replace("_", "-"): _text(value)
             for name, value in values.items()
             if value is not None
         }
+
+    def settings_of(self, model: RobotModel) -> dict[str, str]:
+        """The settings of a robot of a model: vsensed takes what an e-puck as far off would have.
+
+        Raises:
+            ValueError: vsensed takes none so far off; the message says what was expected.
+        """
+        _, *nominal = model.ring.span
+        return replace(
+            self,
+            wheel_diameter_mm=_share("wheel_diameter_mm", self, model.diameter_m),
+            axle_length_mm=_share("axle_length_mm", self, model.axle_m),
+            proximity_scale=_rescaled(self.proximity_scale, nominal),
+        ).settings
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,15 +162,15 @@ DEFAULTS: Schema = {
 """What may stand in [defaults], and of one robot."""
 
 CALIBRATION_FIELDS: Schema = {
-    "wheel_diameter_mm": real(30.0, 50.0, " mm"),
+    "wheel_diameter_mm": real(1.0, 500.0, " mm"),
     "wheel_ratio": real(0.9, 1.1),
-    "axle_length_mm": real(40.0, 70.0, " mm"),
+    "axle_length_mm": real(1.0, 2000.0, " mm"),
     "proximity_scale": _spans(8, -4096, 4096, "NOTHING:WALL"),
     "light_scale": _spans(8, -4096, 4096, "DARK:BRIGHT"),
     "ground_scale": _spans(3, 0, 1023, "BLACK:WHITE"),
     "when": _when,
 }
-"""The ranges are those of `calibration.c`."""
+"""The ranges are those of `calibration.c`; see `RobotCalibration.settings_of` for lengths."""
 
 MARKER_FIELDS: Schema = {
     "x_mm": real(-50.0, 50.0, " mm"),
@@ -181,6 +198,61 @@ ROBOT_FIELDS: Schema = {
 
 LAB: Schema = {"defaults": DEFAULTS, "robot": [ROBOT_FIELDS]}
 """What may stand in a roster."""
+
+
+_OLD_OPTION = re.compile(r"[a-z-]+=\S+")
+
+
+def refuse_lines(path: Path, text: str) -> None:
+    """Says how a list of lines, as robots.txt was, is written now: `host tag=23 base=overo`.
+
+    Raises:
+        ConfigError: it is one.
+    """
+    for number, line in enumerate(text.splitlines(), 1):
+        host, *options = line.partition("#")[0].split() or [""]
+        tags = [option[4:] for option in options if option.startswith("tag=")]
+        if (
+            tags
+            and tags[0].isdecimal()
+            and not set(host) & set("[]=")
+            and all(map(_OLD_OPTION.fullmatch, options))
+        ):
+            words = f'tag = {tags[0]} and host = "{host}", in robots.toml'
+            raise ConfigError(
+                str(path), number, f"this robot is a table [[robot]] now, with {words}"
+            )
+
+
+_LENGTHS_MM = {"wheel_diameter_mm": (30.0, 50.0), "axle_length_mm": (40.0, 70.0)}
+"""What vsensed takes of an e-puck, as `calibration.c` has it."""
+
+
+def _share(name: str, measured: RobotCalibration, nominal_m: float) -> float | None:
+    """A length [mm] as an e-puck would have it."""
+    value: float | None = getattr(measured, name)
+    if value is None:
+        return None
+    usual_m = {"wheel_diameter_mm": EPUCK.diameter_m, "axle_length_mm": EPUCK.axle_m}[name]
+    share = 1.0 if nominal_m == usual_m else usual_m / nominal_m
+    least, most = _LENGTHS_MM[name]
+    if not least <= value * share <= most:
+        raise ValueError(f"{name} = {value:g}: expected {least / share:.4g} to {most / share:.4g}")
+    return value * share
+
+
+def _rescaled(text: str | None, nominal: Sequence[float]) -> str | None:
+    """Spans of proximity as an e-puck would have them, whose readings become `nominal` here."""
+    usual = EPUCK.ring.span[1:]
+    if text is None or tuple(nominal) == usual:
+        return text
+    spans = []
+    for span in text.split(","):
+        low, high = map(float, span.split(":"))
+        gain = (nominal[1] - nominal[0]) / (high - low)
+        nothing = low + (usual[0] - nominal[0]) / gain
+        spans.append(f"{nothing:.0f}:{nothing + (usual[1] - usual[0]) / gain:.0f}")
+    return ",".join(spans)
 
 
 def _text(value: float | str) -> str:

@@ -55,6 +55,7 @@ Point = tuple[float, float]
 MODEL_SUFFIX = ".toml"
 MODELS_FOLDER = PACKAGE_FOLDER / "world" / "models"
 _NAME = re.compile(r"[\w.-]{1,64}")
+_WALL_M, _SATURATED_RAW = 0.01, 4000.0
 RING_SENSORS = kernels.VS_RING_SENSORS
 """Proximity sensors that the wire has room for."""
 
@@ -76,6 +77,15 @@ class RingModel:
         """Where the sensors look, (k,)."""
         angles: NDArray[np.float64] = np.radians(np.array(self.headings_deg))
         return angles
+
+    @property
+    def span(self) -> tuple[float, float, float]:
+        """Between what raw readings it is calibrated: how far a white wall is [m], 1 cm where no
+        reading is at its end there; what is read of nothing, and of this wall."""
+        near = [m for m, raw in zip(self.table_m, self.table_raw) if raw < _SATURATED_RAW]
+        wall_m = max(_WALL_M, near[0] if near else _WALL_M)
+        wall_raw = float(np.interp(wall_m, self.table_m, self.table_raw))
+        return wall_m, self.table_raw[-1], wall_raw
 
 
 @dataclass(frozen=True, slots=True)

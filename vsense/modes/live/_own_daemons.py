@@ -107,7 +107,7 @@ class OwnDaemons:
         driver = Driver.of(known.base, roster.path.parent)
         base = known.base if driver is None else driver.here()
         settings = {"host": self._host, "port": str(self._port), "tag": str(robot.tag)}
-        settings |= {"name": robot.id, "base": base, **known.calibration.settings}
+        settings |= {"name": robot.id, "base": base, **roster.settings_of(known)}
         if stop_mv := known.board.get("battery_stop_mv"):
             settings["battery-stop-mv"] = stop_mv
         words = [word for name, value in settings.items() for word in (f"--{name}", value)]
