@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from vsense.tools.robot_calibration._routine import Moment
 from vsense.tools.robot_calibration._sensing import Sensing
 from vsense.world.physics.motion import Physics, obstacles
 from vsense.world.physics.proximity_ring import ProximityRing
+from vsense.world.robot_models import EPUCK, RobotModel
 
 ERRORS = HardwareErrors(0.004, math.radians(5.0), 0.05, sensor=0.2)
 TIMESTEP_NS = 100_000_000
@@ -35,14 +37,21 @@ class Arena:
         places: list[tuple[float, float]],
         sensing: Callable[[Experiment], Sensing] | None = None,
         wall_off_m: float = 0.0,
+        models: Sequence[RobotModel] = (),
     ) -> None:
-        """`wall_off_m`: walls stand farther out than the experiment says."""
+        """`wall_off_m`: walls stand farther out than the experiment says; without `models` all are
+        e-pucks."""
         experiment = load("foraging", stage=Stage.LAB)
         robots = experiment.robots[: len(places)]
+        models = models or [EPUCK] * len(places)
+        robots = tuple(replace(robot, model=model) for robot, model in zip(robots, models))
+        experiment = replace(experiment, robots=robots)
         self.experiment = commanded(experiment, WheelsWanted())
         self.tags = [robot.tag for robot in robots]
         self.poses = [Pose(*place, 0.7 * number) for number, place in enumerate(places)]
-        self.built: list[RobotHardware] = [draw(tag, ERRORS) for tag in self.tags]
+        self.built: list[RobotHardware] = [
+            draw(tag, ERRORS, model) for tag, model in zip(self.tags, models)
+        ]
         self.change: Callable[[int, int, Moment], Moment] = lambda tag, timestep, moment: moment
         self.nearest_m = self.nearest_wall_m = math.inf
         self.timesteps = 0
@@ -57,7 +66,8 @@ class Arena:
         away_m = np.maximum(np.hypot(*boxes[:, :2].T), 1e-9)[:, None]
         boxes[:, :2] *= 1.0 + self._wall_off_m / away_m
         wheels = np.array([(one.left, one.right, one.axle_m) for one in self.built])
-        physics = Physics(self.poses, [], boxes, 0, posts, wheels)
+        models = [one.model for one in self.built]
+        physics = Physics(self.poses, [], boxes, 0, posts, wheels, models)
         offsets = np.array(
             [(one.marker.x_m, one.marker.y_m, one.marker.yaw_rad) for one in self.built]
         )
@@ -95,10 +105,11 @@ class Arena:
             return dict
         sensors = [one.sensors for one in self.built]
         gains, biases = (np.array([getattr(s, n) for s in sensors]) for n in ("gains", "biases"))
-        rings = ProximityRing(physics.near, 3, gains, biases)
+        models = [one.model for one in self.built]
+        rings = ProximityRing(physics.near, 3, gains, biases, models)
         ground = self._sensing.ground
         black: Sequence = () if ground is None else [(*ground.black, DISC_M)]
-        floor = RealGround(black, sensors, 4)
+        floor = RealGround(black, sensors, 4, models)
         return lambda: {
             "proximity": rings.read(physics.bodies).astype(float),
             "ground": floor.read(physics.poses).astype(float),

@@ -39,7 +39,7 @@ def driven(
 @pytest.mark.parametrize("tag", [23, 31, 1843])
 def test_wheels_and_marker_are_found(tag: int) -> None:
     built, random = draw(tag, ERRORS), np.random.default_rng(tag)
-    found = fit([driven(built, speeds, random) for speeds in (*TURNS, *WAYS, *WAYS)])
+    found = fit([driven(built, speeds, random) for speeds in (*TURNS, *WAYS, *WAYS)], EPUCK)
     # The bar is 1 mm, 0.5 degrees and 1 %; so much noise leaves a tenth of that.
     assert found.marker.x_m == pytest.approx(built.marker.x_m, abs=2e-4)
     assert found.marker.y_m == pytest.approx(built.marker.y_m, abs=2e-4)
@@ -54,7 +54,7 @@ def test_standard_deviations_are_those_of_the_errors() -> None:
     scaled = []
     for tag in range(12):
         built = draw(tag, ERRORS)
-        found = fit([driven(built, speeds, random) for speeds in (*TURNS, *WAYS)])
+        found = fit([driven(built, speeds, random) for speeds in (*TURNS, *WAYS)], EPUCK)
         sigmas = found.sigmas
         scaled.append((found.wheel_diameter_mm - built.wheel_diameter_mm)
                       / sigmas["wheel_diameter_mm"])  # fmt: skip
@@ -68,7 +68,7 @@ def test_a_pose_that_is_far_off_spoils_nothing() -> None:
     built, random = draw(7, ERRORS), np.random.default_rng(1)
     stretches = [driven(built, speeds, random) for speeds in (*TURNS, *WAYS)]
     stretches[2].poses[30] += (0.02, -0.02, 0.5)
-    found = fit(stretches)
+    found = fit(stretches, EPUCK)
     assert found.marker.y_m == pytest.approx(built.marker.y_m, abs=3e-4)
     assert found.wheel_ratio == pytest.approx(built.wheel_ratio, rel=4e-3)
 
@@ -88,7 +88,7 @@ def test_what_is_no_motion_of_two_wheels_is_refused() -> None:
     built, random = draw(3, ERRORS), np.random.default_rng(2)
     stretches = [driven(built, speeds, random) for speeds in (*TURNS, *WAYS)]
     with pytest.raises(BadFit, match="both ways"):
-        fit(stretches[1:])
+        fit(stretches[1:], EPUCK)
     stretches[2] = driven(built, WAYS[0], random, noise=40.0)
     with pytest.raises(BadFit, match="left over"):
-        fit(stretches)
+        fit(stretches, EPUCK)

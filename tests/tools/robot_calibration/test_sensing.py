@@ -18,20 +18,28 @@ from vsense.config import roster
 from vsense.config.specs import Experiment, FloorSpec
 from vsense.run.homing.floor import DrivingFloor
 from vsense.tools.robot_calibration._commanding import OwnReadings
-from vsense.tools.robot_calibration._places import GroundPlaces, WallSpot, ground_places, spots
+from vsense.tools.robot_calibration._places import (
+    GroundPlaces,
+    WallSpot,
+    ground_places,
+    spots,
+    stage_m,
+)
 from vsense.tools.robot_calibration._results import RobotResult, table, worst
 from vsense.tools.robot_calibration._routine import Moment
 from vsense.tools.robot_calibration._sensing import Sensing
+from vsense.world.robot_models import EPUCK, model_of
 
 WHITE, BLACK = (0.3, 0.3), (0.0, 0.3)
 
 
 def everything(experiment: Experiment) -> Sensing:
-    return Sensing(DrivingFloor.of(experiment), spots(experiment), GroundPlaces(WHITE, BLACK))
+    before = {EPUCK: spots(experiment, EPUCK)}
+    return Sensing(DrivingFloor.of(experiment), before, GroundPlaces(WHITE, BLACK))
 
 
 def before_walls(experiment: Experiment) -> Sensing:
-    return Sensing(DrivingFloor.of(experiment), spots(experiment))
+    return Sensing(DrivingFloor.of(experiment), {EPUCK: spots(experiment, EPUCK)})
 
 
 def test_sensors_are_known_though_walls_stand_elsewhere_than_was_said(tmp_path: Path) -> None:
@@ -44,7 +52,7 @@ def test_sensors_are_known_though_walls_stand_elsewhere_than_was_said(tmp_path: 
         found, troubles = swarm.sensors_of(tag, "")
         assert not troubles and built.sensors is not None
         for name, low_raw, width in (("proximity", 4.0, 0.03), ("ground", 4.0, 0.01)):
-            spans, true = found[name].spans, built.sensors.spans[f"{name}_scale"]
+            spans, true = found[name].spans, built.sensors.spans(built.model)[f"{name}_scale"]
             assert np.abs(spans[:, 0] - true[:, 0]).max() < low_raw
             assert np.diff(spans) == pytest.approx(np.diff(true), rel=width)
         assert found["proximity"].error_m == pytest.approx(0.002, abs=0.0005)
@@ -71,6 +79,82 @@ def test_sensors_are_known_though_walls_stand_elsewhere_than_was_said(tmp_path: 
     # Bodies are 3.7 cm wide at most.
     assert arena.nearest_wall_m > 0.037 - 0.002
     assert arena.nearest_m > 0.08
+
+
+# A robot of its own: a body of 12 cm, five sensors that see 12 cm far, two ground sensors.
+ROVER = """[body]
+radius_m = 0.06
+height_m = 0.08
+marker_height_m = 0.09
+mass_kg = 0.5
+[wheels]
+axle_m = 0.1
+diameter_m = 0.041
+steps_per_turn = 1000
+max_steps_s = 1500
+[ring]
+places_m = [[0.05, -0.03], [0.055, 0.0], [0.05, 0.03], [0.0, 0.055], [-0.05, 0.0]]
+headings_deg = [-30.0, 0.0, 30.0, 90.0, 180.0]
+half_cone_deg = 15.0
+table_m = [0.0, 0.03, 0.05, 0.08, 0.12]
+table_raw = [4095.0, 3000.0, 1500.0, 500.0, 80.0]
+noise_raw = 5.0
+[ground]
+places_m = [[0.05, 0.01], [0.05, -0.01]]
+"""
+
+
+def test_robots_of_other_models_are_measured_by_what_their_files_say(tmp_path: Path) -> None:
+    """Wheels and markers of all; sensors as many as there are, and those missing by name."""
+    (tmp_path / "rover.toml").write_text(ROVER)
+    rover = model_of("rover", tmp_path)
+    models = [rover, model_of("footbot"), model_of("thymio2"), EPUCK]
+    measured = (rover, EPUCK)
+
+    def all_of(experiment: Experiment) -> Sensing:
+        before = {model: spots(experiment, model) for model in measured}
+        return Sensing(DrivingFloor.of(experiment), before, GroundPlaces(WHITE, BLACK))
+
+    places = [(0.0, 0.8), (0.55, 0.0), (-0.55, 0.0), (0.0, -0.55)]
+    arena = Arena(places, all_of, wall_off_m=0.002, models=models)
+    swarm = arena.run(9000)
+    assert not swarm.failed
+    for tag, built in zip(arena.tags, arena.built):
+        arena.check(tag)
+        found, troubles = swarm.sensors_of(tag, "")
+        assert built.sensors is not None
+        true = built.sensors.spans(built.model)
+        if built.model.name != "footbot":
+            assert found["ground"].spans == pytest.approx(true["ground_scale"], abs=4.0)
+        if built.model in measured:
+            assert not troubles and len(found["proximity"].spans) == len(true["proximity_scale"])
+            assert np.diff(found["proximity"].spans) == pytest.approx(
+                np.diff(true["proximity_scale"]), rel=0.05
+            )
+    _, troubles = swarm.sensors_of(arena.tags[1], "")
+    assert "model footbot has no proximity" in troubles["proximity"]
+    assert "a footbot has 4 ground sensors" in troubles["ground"]
+    assert "thymio2 does not tell" in swarm.sensors_of(arena.tags[2], "")[1]["proximity"]
+    assert arena.nearest_wall_m > 0.037 - 0.002
+
+    held = tmp_path / "robots.toml"
+    held.write_text("".join(f"[[robot]]\ntag = {tag}\n" for tag in arena.tags))
+    results = [
+        RobotResult(tag, "", swarm.fits[tag], "", built, None, *swarm.sensors_of(tag, ""))
+        for tag, built in zip(arena.tags, arena.built)
+    ]
+    lab = roster.update(held, {one.tag: one.for_roster("2026-11-28") for one in results})
+    assert [robot.model for robot in lab.robots] == ["rover", "footbot", "thymio2", ""]
+    # vsensed is told of an e-puck that is as far off: what a nominal rover reads comes out.
+    told = lab.settings_of(lab.robots[0])
+    assert float(told["axle-length"]) / 53.0 == pytest.approx(arena.built[0].axle_m / 0.1, rel=0.01)
+    for text, (low, high) in zip(
+        told["proximity-scale"].split(","), results[0].sensors["proximity"].spans
+    ):
+        nothing, wall = map(float, text.split(":"))
+        gain = (1466.0 - 67.0) / (wall - nothing)
+        scaled = [67.0 + gain * (raw - nothing) for raw in (low, high)]
+        assert scaled == pytest.approx([80.0, 3000.0], rel=0.01, abs=3.0)
 
 
 def one(change: Callable[[Arena, int, Moment], Moment]) -> tuple[Arena, int]:
@@ -109,6 +193,7 @@ def test_another_robot_that_comes_near_stops_it_until_that_one_has_gone() -> Non
     def visit(arena: Arena, timestep: int, moment: Moment) -> Moment:
         floor, at_wall = arena.swarm.routines[arena.tags[0]]._floor, doing(arena) == "before a wall"
         near = at_wall and moment.pose is not None and len(told[True]) < 50
+        floor.models[9999] = EPUCK
         if near:
             floor.places[9999] = (moment.pose[0] + 0.05, moment.pose[1] + 0.05)
         else:
@@ -143,14 +228,14 @@ def test_a_sensor_that_does_not_answer_is_named_and_wheels_are_kept() -> None:
 
 def test_spots_are_before_walls_and_away_from_corners() -> None:
     experiment = Arena([(0.0, 0.0)]).experiment
-    found = spots(experiment, "wall_north")
+    found = spots(experiment, EPUCK, "wall_north")
     assert {spot.wall for spot in found} == {"wall_north"} and len(found) > 20
     spot: WallSpot = found[0]
     # The wall's middle is at y = 1.19 and it is 2 cm thick.
     assert spot.foot[1] == pytest.approx(1.18)
     assert math.sin(spot.heading_rad) == pytest.approx(1.0)
     assert spot.distance_m(0.3, 1.0) == pytest.approx(0.18)
-    assert spot.stage[1] == pytest.approx(1.18 - 0.062)
+    assert spot.before(stage_m(EPUCK))[1] == pytest.approx(1.18 - 0.062)
     assert max(abs(spot.foot[0]) for spot in found) < 1.48 - 0.11
 
 

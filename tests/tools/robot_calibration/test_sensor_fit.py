@@ -13,6 +13,7 @@ from vsense.tools.robot_calibration._sensor_fit import (
     fit_ground,
     fit_proximity,
 )
+from vsense.world.robot_models import EPUCK
 
 # The field sensorTable of Webots' E-puck.proto: distance [m], reading.
 WEBOTS = [
@@ -51,7 +52,7 @@ def looks(wall_off_m: float = 0.0, bend: float = 1.0) -> list[WallLook]:
 
 @pytest.mark.parametrize("wall_off_m", [0.0, 0.004, -0.003])
 def test_spans_are_found_wherever_the_wall_stands(wall_off_m: float) -> None:
-    found = fit_proximity(looks(wall_off_m))
+    found = fit_proximity(looks(wall_off_m), EPUCK)
     assert found.spans[:, 0] == pytest.approx(LOW, abs=4.0)
     assert found.spans[:, 1] == pytest.approx(HIGH, rel=0.03)
     assert found.error_m == pytest.approx(wall_off_m, abs=0.0003)
@@ -77,7 +78,7 @@ def broken(made: list[WallLook]) -> list[WallLook]:
 )
 def test_what_is_no_wall_is_said(made: list[WallLook], words: str) -> None:
     with pytest.raises(BadReadings, match=words):
-        fit_proximity(made)
+        fit_proximity(made, EPUCK)
 
 
 def test_ground_is_what_most_readings_say() -> None:

@@ -152,10 +152,12 @@ class Microcontrollers:
             link.program.proximity[:] = raw
 
     def sense_ground(self, raw: NDArray[np.int16]) -> None:
-        """Sets what ground boards measure, (count, 3): left, centre, right."""
+        """Sets what ground boards, and Thymios, measure, (count, 3): left, centre, right."""
         for link, values in zip(self.links, raw.tolist()):
             if isinstance(link, Bus):
                 link.ground.ground = values
+            elif isinstance(link, Dongle):
+                link.program.state.body.inputs.ground[0:3] = values
 
     def wake(self) -> None:
         """Makes the next `advance` run every microcontroller, as after a change of its state."""

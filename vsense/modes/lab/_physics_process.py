@@ -91,7 +91,7 @@ class PhysicsProcess:
             for kind, model in zip(kinds, models, strict=True)
         ]
         self._rings = ProximityRing(self._physics.near, spec.seed, models=seen, **built)
-        self._ground = RealGround(spec.black, sensors, spec.seed) if spec.black else None
+        self._ground = RealGround(spec.black, sensors, spec.seed, models) if spec.black else None
         self._wheels = NoisyWheels(spec.wheels, spec.seed, models)
         self._leds = np.zeros(len(self._physics.poses), dtype=np.uint16)
         self._log = ActuationLog(spec.log)
@@ -342,8 +342,7 @@ def _spec(
 
 
 def _types(experiment: Experiment) -> list[str]:
-    known = dict(experiment.casting.types)
-    return [known.get(robot.tag, "") for robot in experiment.robots]
+    return [experiment.casting.type_of(robot.tag) for robot in experiment.robots]
 
 
 def _pose(body: RobotSpec | ObjectSpec) -> dict[str, float]:

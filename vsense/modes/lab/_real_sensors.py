@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vsense.base.errors import UsageError
 from vsense.modes.lab._links import GROUND_RAW
-from vsense.world.robot_models import EPUCK
+from vsense.world.robot_models import EPUCK, RobotModel
 
 Floats = NDArray[np.float64]
 
@@ -28,13 +28,12 @@ GROUND_NOISE_RAW = 3.0
 BIAS_RAW = 300.0
 """Of a sensor whose gain may be 100 % off: a fifth of it at 20 %."""
 
-NOTHING_RAW = EPUCK.ring.table_raw[-1]
-WALL_RAW = EPUCK.ring.table_raw[EPUCK.ring.table_m.index(0.01)]
-"""What vsensed makes of a robot's own readings: nothing near, and a white wall 1 cm ahead.
-Source: the table of Webots' e-puck, as in `calibration.h`."""
 
-PLACES_M = np.array(EPUCK.ground_m)
-"""(3, 2) of the ground sensors left, centre, right in the robot's frame. Source: epuck.md 6."""
+def _three(places: Any) -> Any:
+    """What bases tell of ground sensors: left, centre, right; of two the mean is the centre."""
+    if len(places) < N_GROUND:
+        return places[0], np.mean(places, axis=0), places[-1]
+    return places[:N_GROUND]
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,22 +51,26 @@ class SensorHardware:
     black: Sequence[float]
     white: Sequence[float]
 
-    @property
-    def spans(self) -> dict[str, Floats]:
+    def spans(self, model: RobotModel) -> dict[str, Floats]:
         """The true spans by the roster's names: (n, 2) raw readings."""
-        low = NOTHING_RAW + np.array(self.biases)
-        high = low + (WALL_RAW - NOTHING_RAW) * np.array(self.gains)
-        ground = np.array([self.black, self.white]).T
-        return {"proximity_scale": np.array([low, high]).T, "ground_scale": ground}
+        _, nothing, wall = model.ring.span
+        low = nothing + np.array(self.biases)
+        high = low + (wall - nothing) * np.array(self.gains)
+        ring = np.array([low, high]).T[: len(model.ring.places_m)]
+        return {"proximity_scale": ring, "ground_scale": np.array([self.black, self.white]).T}
 
 
-def draw_sensors(random: np.random.Generator, share: float) -> SensorHardware:
-    """Draws a robot's sensors, each up to `share` off."""
+def draw_sensors(
+    random: np.random.Generator, share: float, model: RobotModel = EPUCK
+) -> SensorHardware:
+    """Draws the sensors of a robot of a model, each up to `share` off."""
 
     def off(count: int) -> Floats:
         return np.asarray(share * random.uniform(-1.0, 1.0, count))
 
     gains, biases, black, white = off(N_RING), off(N_RING), off(N_GROUND), off(N_GROUND)
+    if len(model.ground_m) == 2:
+        black, white = (np.array(_three(levels[::2])) for levels in (black, white))
     return SensorHardware(
         (1.0 + gains).tolist(),
         (BIAS_RAW * biases).tolist(),
@@ -84,8 +87,15 @@ NOMINAL_SENSORS = SensorHardware(
 class RealGround:
     """What the robots' ground sensors read of a light floor with black discs on it."""
 
-    def __init__(self, black: ArrayLike, robots: Sequence[SensorHardware], seed: int) -> None:
+    def __init__(
+        self,
+        black: ArrayLike,
+        robots: Sequence[SensorHardware],
+        seed: int,
+        models: Sequence[RobotModel],
+    ) -> None:
         """Discs (k, 3) x_m, y_m, radius_m; `seed` decides the noise."""
+        self._places_m = np.array([_three(model.ground_m) for model in models])
         self._discs = np.asarray(black, dtype=np.float64).reshape(-1, 3)
         self._levels = np.array([(robot.black, robot.white) for robot in robots])
         self._random = np.random.default_rng([seed, 12])
@@ -93,7 +103,7 @@ class RealGround:
     def read(self, poses: Floats) -> NDArray[np.int16]:
         """Raw readings (n, 3) of robots at poses (n, 3), 0..1023, higher is brighter."""
         cos, sin = np.cos(poses[:, 2:]), np.sin(poses[:, 2:])
-        x, y = PLACES_M.T
+        x, y = np.moveaxis(self._places_m, -1, 0)
         east, north = poses[:, :1] + cos * x - sin * y, poses[:, 1:2] + sin * x + cos * y
         black = np.zeros(east.shape, dtype=np.bool_)
         for x_m, y_m, radius_m in self._discs:

@@ -119,7 +119,7 @@ class RobotHardware:
             "wheel_ratio": round(self.wheel_ratio, 6),
             "axle_length_mm": round(1000.0 * self.axle_m, 4),
             "marker": self.marker.values,
-            **({} if self.sensors is None else scales(self.sensors.spans)),
+            **({} if self.sensors is None else scales(self.sensors.spans(self.model))),
         }
 
     def for_physics(self) -> list[float]:
@@ -144,7 +144,7 @@ def draw(tag: int, errors: HardwareErrors, model: RobotModel = EPUCK) -> RobotHa
     yaw_rad = errors.marker_rad * random.uniform(-1.0, 1.0)
     left, right, axle = 1.0 + errors.wheel * random.uniform(-1.0, 1.0, 3)
     right = float(np.clip(right, left / _MOST_RATIO, left * _MOST_RATIO))
-    sensors = draw_sensors(random, errors.sensor) if errors.sensor > 0.0 else None
+    sensors = draw_sensors(random, errors.sensor, model) if errors.sensor > 0.0 else None
     x_m, y_m = away_m * math.cos(bearing_rad), away_m * math.sin(bearing_rad)
     return RobotHardware(
         MarkerOffset(x_m, y_m, float(yaw_rad)),

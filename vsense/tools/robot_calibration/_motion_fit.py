@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from vsense.base.arena import wrap_angle
 from vsense.base.errors import VsenseError
 from vsense.config.roster_fields import MarkerOffset
-from vsense.world.robot_models import EPUCK
+from vsense.world.robot_models import RobotModel
 
 Floats = NDArray[np.float64]
 
@@ -81,6 +81,7 @@ class MotionFit:
     """What was found of a robot.
 
     Attributes:
+        model: the nominal robot.
         left, right: way of a wheel over that of the nominal one.
         axle_m: distance of the wheels.
         marker: its offset from the axle's middle.
@@ -89,6 +90,7 @@ class MotionFit:
         rms_m, rms_rad: what is left over of places and headings.
     """
 
+    model: RobotModel
     left: float
     right: float
     axle_m: float
@@ -101,7 +103,7 @@ class MotionFit:
     @property
     def wheel_diameter_mm(self) -> float:
         """The mean of both wheels."""
-        return (1000.0 * EPUCK.diameter_m) * (self.left + self.right) / 2.0
+        return (1000.0 * self.model.diameter_m) * (self.left + self.right) / 2.0
 
     @property
     def wheel_ratio(self) -> float:
@@ -112,13 +114,13 @@ class MotionFit:
     def sigmas(self) -> dict[str, float]:
         """Standard deviations of what the roster holds, by its names."""
         own = np.sqrt(np.diag(self.covariance))
-        mean = np.array([0.5, 0.5, 0.0, 0.0, 0.0, 0.0]) * (1000.0 * EPUCK.diameter_m)
+        mean = np.array([0.5, 0.5, 0.0, 0.0, 0.0, 0.0]) * (1000.0 * self.model.diameter_m)
         ratio = np.zeros(_COMMON)
         ratio[:2] = -self.wheel_ratio / self.left, 1.0 / self.left
         return {
             "wheel_diameter_mm": _along(mean, self.covariance),
             "wheel_ratio": _along(ratio, self.covariance),
-            "axle_length_mm": 1000.0 * EPUCK.axle_m * float(own[2]),
+            "axle_length_mm": 1000.0 * self.model.axle_m * float(own[2]),
             "x_mm": 1000.0 * float(own[3]),
             "y_mm": 1000.0 * float(own[4]),
             "yaw_deg": math.degrees(own[5]),
@@ -129,7 +131,7 @@ def _along(derivative: Floats, covariance: Floats) -> float:
     return math.sqrt(float(derivative @ covariance @ derivative))
 
 
-def fit(stretches: Sequence[Stretch], roughly: bool = False) -> MotionFit:
+def fit(stretches: Sequence[Stretch], model: RobotModel, roughly: bool = False) -> MotionFit:
     """Finds wheels and marker of the robot that drove these; `roughly`: however sure that is.
 
     Raises:
@@ -139,7 +141,7 @@ def fit(stretches: Sequence[Stretch], roughly: bool = False) -> MotionFit:
     ways = {np.sign(s.left_steps_s) for s in stretches if not s.is_turn}
     if len(turns) < 2 or len(ways) < 2:
         raise BadFit("it was not seen turning and driving both ways for long enough")
-    problem = _Problem(stretches)
+    problem = _Problem(stretches, model)
     problem.solve()
     return problem.result(roughly)
 
@@ -147,8 +149,8 @@ def fit(stretches: Sequence[Stretch], roughly: bool = False) -> MotionFit:
 class _Problem:
     """Gauss-Newton's method with Huber's weights; the stretches' own poses are eliminated."""
 
-    def __init__(self, stretches: Sequence[Stretch]) -> None:
-        self._stretches = stretches
+    def __init__(self, stretches: Sequence[Stretch], model: RobotModel) -> None:
+        self._stretches, self._model = stretches, model
         self._middles = [float(s.times_s.mean()) for s in stretches]
         self._common = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
         self._own = [_begin(s, middle) for s, middle in zip(stretches, self._middles)]
@@ -185,8 +187,9 @@ class _Problem:
             raise BadFit("too little was seen of it to be sure")
         left, right, axle, x_m, y_m, yaw_rad = self._common.tolist()
         marker = MarkerOffset(x_m, y_m, float(wrap_angle(yaw_rad)))
+        axle_m = axle * self._model.axle_m
         return MotionFit(
-            left, right, axle * EPUCK.axle_m, marker, covariance, len(errors), rms_m, rms_rad
+            self._model, left, right, axle_m, marker, covariance, len(errors), rms_m, rms_rad
         )
 
     def _normal(self) -> tuple[Floats, Floats, list[tuple[Floats, Floats, Floats]]]:
@@ -209,7 +212,7 @@ class _Problem:
     def _errors(self, number: int) -> Floats:
         """Seen less expected, (n, 3)."""
         stretch = self._stretches[number]
-        expected = _markers(self._common, self._own[number], stretch, self._middles[number])
+        expected = self._markers(self._common, self._own[number], number)
         errors = stretch.poses - expected
         errors[:, 2] = wrap_angle(errors[:, 2])
         return errors
@@ -221,13 +224,36 @@ class _Problem:
 
     def _derivatives(self, number: int) -> tuple[Floats, Floats]:
         """Of the expected poses, by common and own parameters: (3 n, 6) and (3 n, 3)."""
-        stretch, middle = self._stretches[number], self._middles[number]
         parameters = np.concatenate((self._common, self._own[number]))
         changes = 1e-6 * np.eye(len(parameters))
         both = np.concatenate((parameters + changes, parameters - changes))
-        ahead, back = np.split(_markers(both[:, :_COMMON], both[:, _COMMON:], stretch, middle), 2)
+        ahead, back = np.split(self._markers(both[:, :_COMMON], both[:, _COMMON:], number), 2)
         table = ((ahead - back) / 2e-6).reshape(len(parameters), -1).T
         return table[:, :_COMMON], table[:, _COMMON:]
+
+    def _markers(self, common: Floats, own: Floats, number: int) -> Floats:
+        """Where the marker should have been seen, (..., n, 3); see the module.
+
+        `common` are parameters (..., 6), and `own` of the stretch (..., 3).
+        """
+        stretch, model = self._stretches[number], self._model
+        left, right, axle, marker_x, marker_y, marker_yaw = np.moveaxis(common[..., None, :], -1, 0)
+        own_x, own_y, own_yaw = np.moveaxis(own[..., None, :], -1, 0)
+        way_left = model.step_m * left * model.motor_speed(stretch.left_steps_s)
+        way_right = model.step_m * right * model.motor_speed(stretch.right_steps_s)
+        since_s = stretch.times_s - self._middles[number]
+        half = 0.5 * (way_right - way_left) / (axle * model.axle_m) * since_s
+        chord = 0.5 * (way_left + way_right) * since_s * np.sinc(half / np.pi)
+        yaw = own_yaw + 2.0 * half
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        return np.stack(
+            (
+                own_x + chord * np.cos(own_yaw + half) + cos * marker_x - sin * marker_y,
+                own_y + chord * np.sin(own_yaw + half) + sin * marker_x + cos * marker_y,
+                yaw + marker_yaw,
+            ),
+            axis=-1,
+        )
 
     def _learn_noise(self) -> None:
         """Takes the noise from what is left over: the median's deviation, which outliers spare."""
@@ -255,27 +281,3 @@ def _begin(stretch: Stretch, middle_s: float) -> Floats:
     turned = np.column_stack((stretch.poses[:, :2], yaw))
     nearest = int(np.argmin(np.abs(stretch.times_s - middle_s)))
     return np.asarray(turned[nearest])
-
-
-def _markers(common: Floats, own: Floats, stretch: Stretch, middle_s: float) -> Floats:
-    """Where the marker should have been seen, (..., n, 3), for parameters (..., 6) and (..., 3).
-
-    See the module.
-    """
-    left, right, axle, marker_x, marker_y, marker_yaw = np.moveaxis(common[..., None, :], -1, 0)
-    own_x, own_y, own_yaw = np.moveaxis(own[..., None, :], -1, 0)
-    way_left = EPUCK.step_m * left * EPUCK.motor_speed(stretch.left_steps_s)
-    way_right = EPUCK.step_m * right * EPUCK.motor_speed(stretch.right_steps_s)
-    since_s = stretch.times_s - middle_s
-    half = 0.5 * (way_right - way_left) / (axle * EPUCK.axle_m) * since_s
-    chord = 0.5 * (way_left + way_right) * since_s * np.sinc(half / np.pi)
-    yaw = own_yaw + 2.0 * half
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    return np.stack(
-        (
-            own_x + chord * np.cos(own_yaw + half) + cos * marker_x - sin * marker_y,
-            own_y + chord * np.sin(own_yaw + half) + sin * marker_x + cos * marker_y,
-            yaw + marker_yaw,
-        ),
-        axis=-1,
-    )

@@ -17,18 +17,19 @@ from vsense.base.errors import UsageError
 from vsense.config.arena import floor_of
 from vsense.config.specs import Experiment
 from vsense.run.homing.floor import DrivingFloor
+from vsense.tools.robot_calibration._sensor_fit import wall_m
 from vsense.world.entities import Arena, Box
 from vsense.world.physics.motion import obstacles
-from vsense.world.robot_models import EPUCK
+from vsense.world.robot_models import RobotModel
 
 Floats = NDArray[np.float64]
 
-STANDING_M = EPUCK.radius_m + 0.012
-"""Radius that is kept around a robot that stands: markers sit up to some millimetres off."""
+AROUND_M = 0.012
+"""Kept around the body of a robot that stands: markers sit up to some millimetres off."""
 STRAY_M = 0.022
 """A robot may stray so far from the way that it was given."""
-TOUCHING_M = 2.0 * EPUCK.radius_m + 0.002
-"""Two robots this near to each other may touch, wherever their markers sit."""
+TOUCHING_M = 0.002
+"""Two bodies this near to each other may touch, wherever their markers sit."""
 
 _STEP_M = 0.01
 _NEARER_M = 0.004
@@ -54,16 +55,16 @@ class Area:
         return float(np.hypot(between[..., 0], between[..., 1]).min())
 
 
-def spot(x_m: float, y_m: float) -> Area:
-    """The area of a robot that turns on the spot."""
-    return Area(np.array([[x_m, y_m]]), EPUCK.radius_m + STRAY_M)
+def spot(x_m: float, y_m: float, body_m: float) -> Area:
+    """The area of a robot of radius `body_m` that turns on the spot."""
+    return Area(np.array([[x_m, y_m]]), body_m + STRAY_M)
 
 
-def way(x_m: float, y_m: float, heading_rad: float, length_m: float) -> Area:
-    """The area of a robot that drives straight ahead and back again."""
+def way(x_m: float, y_m: float, heading_rad: float, length_m: float, body_m: float) -> Area:
+    """The area of a robot of radius `body_m` that drives straight ahead and back again."""
     along = np.arange(0.0, length_m + _STEP_M, _STEP_M)
     direction = np.array([math.cos(heading_rad), math.sin(heading_rad)])
-    return Area(np.array([x_m, y_m]) + along[:, None] * direction, EPUCK.radius_m + STRAY_M)
+    return Area(np.array([x_m, y_m]) + along[:, None] * direction, body_m + STRAY_M)
 
 
 class FreeFloor:
@@ -71,12 +72,14 @@ class FreeFloor:
 
     Attributes:
         places: x, y [m] of every known body by tag, as seen last.
+        models: of all bodies, by tag.
     """
 
     def __init__(self, experiment: Experiment) -> None:
         self._floor = DrivingFloor.of(experiment)
         self._given: dict[int, Area] = {}
         self.places: dict[int, tuple[float, float]] = {}
+        self.models = experiment.models
 
     def clearance_m(self, points: Floats) -> float:
         """Distance of the nearest wall, thing or end of the arena from points (k, 2)."""
@@ -88,35 +91,39 @@ class FreeFloor:
         Where it stands too near to something already it may go where it comes no nearer, as long as
         the two do not touch.
         """
-        here = Area(np.array([self.places[tag]]), EPUCK.radius_m)
+        here = Area(np.array([self.places[tag]]), self.models[tag].radius_m)
         least = min(area.radius_m, self.clearance_m(here.points) - _NEARER_M)
-        if self.clearance_m(area.points) < max(least, TOUCHING_M / 2.0):
+        if self.clearance_m(area.points) < max(least, here.radius_m + TOUCHING_M / 2.0):
             return False
-        for other in self._other_areas(tag):
+        for body_m, other in self._other_areas(tag):
             allowed_m = min(area.radius_m + other.radius_m, here.distance_m(other) - _NEARER_M)
-            if area.distance_m(other) < max(allowed_m, TOUCHING_M):
+            if area.distance_m(other) < max(allowed_m, here.radius_m + body_m + TOUCHING_M):
                 return False
         return True
 
     def is_crowded(self, tag: int) -> bool:
         """Whether another body stands so near that the two may touch when one turns."""
-        here = Area(np.array([self.places[tag]]), EPUCK.radius_m)
-        near_m = STANDING_M + EPUCK.radius_m
-        return any(here.distance_m(other) < near_m for other in self._other_areas(tag))
+        here = Area(np.array([self.places[tag]]), self.models[tag].radius_m)
+        return any(
+            here.distance_m(other) < body_m + AROUND_M + here.radius_m
+            for body_m, other in self._other_areas(tag)
+        )
 
     def is_alone(self, tag: int, place: tuple[float, float], radius_m: float) -> bool:
         """Whether nobody else stands, or may move, so near to a place."""
         there = Area(np.array([place]), radius_m)
         return all(
-            there.distance_m(other) >= radius_m + other.radius_m for other in self._other_areas(tag)
+            there.distance_m(other) >= radius_m + other.radius_m
+            for _, other in self._other_areas(tag)
         )
 
     def is_blocked(self, tag: int, near_m: float, ahead_rad: float | None) -> bool:
-        """Whether another body's middle is so near, and ahead of the robot where that is given."""
+        """Whether another body is so near, and ahead of the robot where that is given."""
         x_m, y_m = self.places[tag]
         for other, (east, north) in self.places.items():
+            bodies_m = self.models[tag].radius_m + self.models[other].radius_m
             away_m = math.hypot(east - x_m, north - y_m)
-            if other == tag or away_m >= near_m:
+            if other == tag or away_m >= bodies_m + near_m:
                 continue
             bearing = math.atan2(north - y_m, east - x_m)
             if ahead_rad is None or math.cos(bearing - ahead_rad) > 0.0:
@@ -150,31 +157,57 @@ class FreeFloor:
             headings = [h for h in headings if abs(math.sin(h - unlike_rad)) >= least]
         for length_m in lengths_m:
             for heading in headings:
-                if self.is_free(tag, way(x_m, y_m, heading, length_m)):
+                if self.is_free(tag, way(x_m, y_m, heading, length_m, self.models[tag].radius_m)):
                     return heading, length_m
         return None
 
-    def _other_areas(self, tag: int) -> Iterator[Area]:
+    def discs(self, tag: int) -> Floats:
+        """All other bodies with what is kept around them, (k, 3) x, y, radius."""
+        discs = [
+            (*place, self.models[other].radius_m + AROUND_M)
+            for other, place in self.places.items()
+            if other != tag
+        ]
+        return np.array(discs).reshape(-1, 3)
+
+    def _other_areas(self, tag: int) -> Iterator[tuple[float, Area]]:
+        """The radius of each other body, and what it may cover."""
         for other, place in self.places.items():
             if other != tag:
-                given = self._given.get(other)
-                yield Area(np.array([place]), STANDING_M)
+                given, body_m = self._given.get(other), self.models[other].radius_m
+                yield body_m, Area(np.array([place]), body_m + AROUND_M)
                 if given is not None:
-                    yield given
+                    yield body_m, given
 
 
 Point = tuple[float, float]
 
-STAGE_M = EPUCK.radius_m + STRAY_M + 0.005
-"""The axle's middle is so far from the wall where a robot comes to the spot and leaves it."""
-ALONE_M = 0.12
-"""Nothing but the wall may be so near to a robot that measures: sensors see 7 cm far."""
+_GAP_SHARES = (3.0, 2.0, 1.4, 1.0)
+_ALONE_M = 0.015
 SPOT_STEP_M = 0.05
 """Spots along a wall are so far apart."""
 _FAR_M = 1000.0
 """An arena's border is no thing that sensors see."""
-ROOM_M = EPUCK.radius_m + STRAY_M + 0.004
-"""Clearance of the ways there."""
+
+
+def gaps_m(model: RobotModel) -> list[float]:
+    """Between body and wall, at which a robot turns on the spot; the farthest first."""
+    return [share * wall_m(model) for share in _GAP_SHARES]
+
+
+def stage_m(model: RobotModel) -> float:
+    """How far a robot's middle is from the wall where it comes to a spot and leaves it."""
+    return model.radius_m + max(STRAY_M + 0.005, gaps_m(model)[0] - 0.003)
+
+
+def alone_m(model: RobotModel) -> float:
+    """Nothing but the wall may be so near to a robot that measures: as far as sensors see."""
+    return model.radius_m + model.ring.table_m[-1] + _ALONE_M
+
+
+def room_m(model: RobotModel) -> float:
+    """Clearance of the ways there."""
+    return model.radius_m + STRAY_M + 0.004
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,11 +224,6 @@ class WallSpot:
     foot: Point
     heading_rad: float
 
-    @property
-    def stage(self) -> Point:
-        """Where a robot comes to it."""
-        return self.before(STAGE_M)
-
     def before(self, distance_m: float) -> Point:
         """The point so far in front of the wall."""
         return (
@@ -209,8 +237,8 @@ class WallSpot:
         return east * math.cos(self.heading_rad) + north * math.sin(self.heading_rad)
 
 
-def spots(experiment: Experiment, wall: str | None = None) -> list[WallSpot]:
-    """All spots before an experiment's walls, or before the one named.
+def spots(experiment: Experiment, model: RobotModel, wall: str | None = None) -> list[WallSpot]:
+    """All spots for robots of a model before an experiment's walls, or before the one named.
 
     Raises:
         UsageError: there is no such wall, or no room before any.
@@ -223,16 +251,17 @@ def spots(experiment: Experiment, wall: str | None = None) -> list[WallSpot]:
             if ids
             else "no wall to measure proximity before: expected a <box> with vs:physical='true'"
         )
-    wall_spots = [spot for box in boxes for spot in _before(box, experiment)]
+    wall_spots = [spot for box in boxes for spot in _before(box, experiment, model)]
     if not wall_spots:
         raise UsageError(
             "no room to measure proximity: expected a straight wall (a <box>) with nothing within"
-            f" {100 * ALONE_M:g} cm of the places before it"
+            f" {100 * alone_m(model):g} cm of the places before it, for a robot of the model"
+            f" {model.name}"
         )
     return wall_spots
 
 
-def _before(box: Box, experiment: Experiment) -> Iterator[WallSpot]:
+def _before(box: Box, experiment: Experiment, model: RobotModel) -> Iterator[WallSpot]:
     boxes = [other for other in experiment.boxes if other is not box]
     open_field = Arena((_FAR_M, _FAR_M, 1.0), experiment.arena.centre_m)
     other_bodies = DrivingFloor(open_field, *obstacles(boxes, experiment.cylinders))
@@ -243,15 +272,15 @@ def _before(box: Box, experiment: Experiment) -> Iterator[WallSpot]:
         normal = np.array([math.cos(outward), math.sin(outward)])
         beside = np.array([-normal[1], normal[0]])
         middle = np.array(box.position_m[:2]) + half_m * normal
-        count = math.floor((along_m - ALONE_M) / 2.0 / SPOT_STEP_M)
+        count = math.floor((along_m - alone_m(model)) / 2.0 / SPOT_STEP_M)
         for k in range(-count, count + 1):
             foot = middle + k * SPOT_STEP_M * beside
             spot = WallSpot(box.id, (float(foot[0]), float(foot[1])), outward + math.pi)
-            near = np.array([spot.before(EPUCK.radius_m), spot.stage])
+            near = np.array([spot.before(model.radius_m), spot.before(stage_m(model))])
             inside = np.abs(near - experiment.arena.centre_m[:2])
             inside = inside < np.array(experiment.arena.size_m[:2]) / 2.0
-            free = other_bodies.clearance_m(near) >= ALONE_M
-            if inside.all() and free.all() and floor.clearance_m(near[1]) >= ROOM_M:
+            free = other_bodies.clearance_m(near) >= alone_m(model)
+            if inside.all() and free.all() and floor.clearance_m(near[1]) >= room_m(model):
                 yield spot
 
 
@@ -270,14 +299,15 @@ def ground_places(experiment: Experiment, white: Point | None, black: Point | No
         UsageError: one is not named and the floor has none, or robots cannot stand there.
     """
     floor = DrivingFloor.of(experiment)
+    needed_m = max(room_m(robot.model) for robot in experiment.robots)
     places = []
     for name, place in (("white", white), ("black", black)):
-        chosen = _on_floor(experiment, floor, name) if place is None else place
-        room_m = float(floor.clearance_m(np.array(chosen)))
-        if room_m < ROOM_M:
+        chosen = _on_floor(experiment, floor, name, needed_m) if place is None else place
+        free_m = float(floor.clearance_m(np.array(chosen)))
+        if free_m < needed_m:
             raise UsageError(
                 f"--{name} {chosen[0]:g},{chosen[1]:g}: expected a place in the arena, with"
-                f" {100 * ROOM_M:.0f} cm free around it; got {100 * room_m:.1f} cm"
+                f" {100 * needed_m:.0f} cm free around it; got {100 * free_m:.1f} cm"
             )
         places.append(chosen)
     if math.dist(*places) < 0.02:
@@ -289,7 +319,7 @@ PATCH_M = 0.03
 """The floor must have the colour so far around a place, for three sensors and a robot's errors."""
 
 
-def _on_floor(experiment: Experiment, floor: DrivingFloor, name: str) -> Point:
+def _on_floor(experiment: Experiment, floor: DrivingFloor, name: str, needed_m: float) -> Point:
     """The roomiest place where the picture on the experiment's floor has a colour."""
     words = f"--{name} X,Y: expected where it is {name}"
     if experiment.floor is None or experiment.floor.path is None:
@@ -300,7 +330,7 @@ def _on_floor(experiment: Experiment, floor: DrivingFloor, name: str) -> Point:
     xs, ys = np.arange(-half_x, half_x, 0.02), np.arange(-half_y, half_y, 0.02)
     points = np.stack(np.meshgrid(centre_x + xs, centre_y + ys), axis=-1).reshape(-1, 2)
     free = floor.clearance_m(points)
-    fits = free >= ROOM_M
+    fits = free >= needed_m
     for off in ((0.0, 0.0), *((_ROUND[k], _ROUND[k - 2]) for k in range(8))):
         levels = painted.sample(points + PATCH_M * np.array(off))[:, :3]
         fits &= (levels > 200.0).all(axis=1) if name == "white" else (levels < 55.0).all(axis=1)

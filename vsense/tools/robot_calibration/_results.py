@@ -15,6 +15,7 @@ from vsense.modes.lab.hardware import RobotHardware, scales
 from vsense.tools.robot_calibration._commanding import PROXIMITY
 from vsense.tools.robot_calibration._motion_fit import PARAMETERS, MotionFit
 from vsense.tools.robot_calibration._sensor_fit import Floats, SensorFit
+from vsense.world.robot_models import EPUCK, RING_SENSORS
 
 _SENSOR_HEAD = ("sensor", "nothing:wall, black:white, raw", "left over", "wall off", "readings")
 
@@ -27,7 +28,7 @@ def scale_name(name: str) -> str:
 def _span_ratio(fit: SensorFit, text: str) -> float:
     """The width of the span that has changed most, over what it was: a scale of the roster."""
     before = np.array([[float(end) for end in span.split(":")] for span in text.split(",")])
-    ratios = np.diff(fit.spans)[:, 0] / np.diff(before)[:, 0]
+    ratios = np.diff(fit.spans)[:, 0] / np.diff(before)[: len(fit.spans), 0]
     return float(ratios[np.argmax(np.abs(ratios - 1.0))])
 
 
@@ -146,8 +147,9 @@ class RobotResult:
 
     @property
     def _true_spans(self) -> Mapping[str, Floats]:
-        built = None if self.truth is None else self.truth.sensors
-        return {} if built is None else built.spans
+        if self.truth is None or self.truth.sensors is None:
+            return {}
+        return self.truth.sensors.spans(self.truth.model)
 
     def sensor_rows(self) -> list[list[str]]:
         """Its rows of the sensors' table."""
@@ -181,7 +183,15 @@ class RobotResult:
         numbers = _rounded(self.values, 4)
         parts = {n: "marker" if n in _MARKER else "calibration" for n in numbers}
         values: dict[str, Any] = {f"{parts[n]}.{n}": value for n, value in numbers.items()}
+        assert self.fit is not None
+        if self.fit.model != EPUCK:
+            values = {"model": self.fit.model.name} | values
         spans = {scale_name(name): fit.spans for name, fit in self.sensors.items()}
+        if PROXIMITY in self.sensors:
+            # vsensed takes a span for each place of an e-puck's ring.
+            nominal = np.tile(self.fit.model.ring.span[1:], (RING_SENSORS, 1))
+            nominal[: len(self.sensors[PROXIMITY].spans)] = self.sensors[PROXIMITY].spans
+            spans[scale_name(PROXIMITY)] = nominal
         values |= {f"calibration.{name}": text for name, text in scales(spans).items()}
         return values | {"marker.when": today, "calibration.when": today}
 

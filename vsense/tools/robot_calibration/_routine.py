@@ -42,7 +42,8 @@ REACH_S = 15.0
 _STILL: Speeds = (0, 0)
 
 NO_ROOM_TO_DRIVE = (
-    "has no room: it needs a free circle of 6 cm, and a way of 10 cm beside it; move it, or others"
+    "has no room: it needs a free circle of {:.0f} cm, and a way of 10 cm beside it; move it, or"
+    " others"
 )
 
 
@@ -87,7 +88,9 @@ class MotionRoutine:
         self.tag = tag
         self.doing = "waiting"
         self.stretches: list[Stretch] = []
-        self.waits, self.needs = False, NO_ROOM_TO_DRIVE
+        self._model = model = floor.models[tag]
+        self.waits = False
+        self.needs = NO_ROOM_TO_DRIVE.format(100.0 * (model.radius_m + STRAY_M))
         self.result: MotionFit | None = None
         self._floor = floor
         self._moment = Moment(0.0, None, _STILL, False)
@@ -105,7 +108,7 @@ class MotionRoutine:
         heading = yield from self._there_and_back(WAYS_M, None)
         yield from self._there_and_back(WAYS_M, heading)
         self.doing = "done"
-        self.result = fit(self.stretches)
+        self.result = fit(self.stretches, self._model)
 
     def stop(self) -> None:
         """The robot stands, for whatever reason."""
@@ -161,9 +164,9 @@ class MotionRoutine:
             yield from self._step(_STILL)
 
     def _turn(self, sign: int) -> Acting:
-        area = yield from self._room(lambda: spot(*self._place))
+        area = yield from self._room(lambda: spot(*self._place, self._model.radius_m))
         self.doing = "turning"
-        speeds = (-sign * TURN_STEPS_S, sign * TURN_STEPS_S)
+        speeds = (-sign * self._turning, sign * self._turning)
         for _ in range(TRIES):
             if (yield from self._measure(speeds, TURN_S, area)) >= ENOUGH:
                 return
@@ -177,12 +180,14 @@ class MotionRoutine:
             nonlocal chosen
             free_way = self._floor.longest_way(self.tag, (LEAVE_M,), self._yaw)
             chosen = 0.0 if free_way is None else free_way[0]
-            return None if free_way is None else way(*self._place, *free_way)
+            if free_way is None:
+                return None
+            return way(*self._place, *free_way, self._model.radius_m)
 
         yield from self._room(choose)
         self.doing = "making room"
         yield from self._aim(chosen)
-        until_s = self._moment.time_s + LEAVE_M / (WAY_STEPS_S * EPUCK.step_m)
+        until_s = self._moment.time_s + LEAVE_M / (WAY_STEPS_S * self._model.step_m)
         while self._moment.time_s < until_s:
             yield from self._step((WAY_STEPS_S, WAY_STEPS_S))
         yield from self._rest()
@@ -201,7 +206,7 @@ class MotionRoutine:
         self, lengths_m: tuple[float, ...], unlike_rad: float | None
     ) -> Generator[Speeds, Moment, tuple[float, bool]]:
         """Drives a way once; gives its heading, and whether enough of it was seen."""
-        marker_yaw = fit(self.stretches, True).marker.yaw_rad if self._has_driven else 0.0
+        marker_yaw = self._fit_roughly().marker.yaw_rad if self._has_driven else 0.0
         chosen: tuple[float, float] = (0.0, 0.0)
 
         def choose() -> Area | None:
@@ -212,7 +217,7 @@ class MotionRoutine:
             if free_way is None:
                 return None
             chosen = free_way
-            return way(*self._place, *free_way)
+            return way(*self._place, *free_way, self._model.radius_m)
 
         area = yield from self._room(choose)
         heading, length_m = chosen
@@ -220,7 +225,7 @@ class MotionRoutine:
         yield from self._aim(heading + marker_yaw)
         left, right = self._straight()
         from_m, along = np.array(self._place), np.array([math.cos(heading), math.sin(heading)])
-        duration_s = 2.0 * length_m / (WAY_STEPS_S * EPUCK.step_m)
+        duration_s = 2.0 * length_m / (WAY_STEPS_S * self._model.step_m)
 
         def gone_m() -> float:
             return float((np.array(self._place) - from_m) @ along)
@@ -230,6 +235,15 @@ class MotionRoutine:
         )
         back = yield from self._measure((-left, -right), duration_s, area, lambda: gone_m() <= 0.0)
         return heading, min(forth, back) >= ENOUGH
+
+    def _fit_roughly(self) -> MotionFit:
+        return fit(self.stretches, self._model, True)
+
+    @property
+    def _turning(self) -> int:
+        """Speed of the wheels on the spot: wider ones turn as fast as an e-puck [steps/s]."""
+        turning = round(TURN_STEPS_S * self._model.axle_m / EPUCK.axle_m)
+        return min(turning, self._model.max_steps_s)
 
     @property
     def _has_driven(self) -> bool:
@@ -248,7 +262,7 @@ class MotionRoutine:
             return WAY_STEPS_S, WAY_STEPS_S
         # The first way was driven with equal speeds, of which its settings may have made others.
         first = next(stretch for stretch in self.stretches if not stretch.is_turn)
-        fitted = fit(self.stretches, True)
+        fitted = self._fit_roughly()
         ratio = first.left_steps_s / (first.right_steps_s * fitted.wheel_ratio)
         share = (1.0 - ratio) / (1.0 + ratio)
         return round(WAY_STEPS_S * (1.0 + share)), round(WAY_STEPS_S * (1.0 - share))
@@ -264,11 +278,11 @@ class MotionRoutine:
             if self._moment.time_s > limit_s:
                 raise RobotFailed("does not turn as commanded: is it held?")
             if abs(off) > FAR_RAD:
-                turn = 0 if math.isinf(off) else round(math.copysign(TURN_STEPS_S, off))
+                turn = 0 if math.isinf(off) else round(math.copysign(self._turning, off))
                 yield from self._step((-turn, turn))
                 continue
-            turn = round(off * EPUCK.axle_m / (2.0 * EPUCK.step_m * AIM_S))
-            turn = min(max(turn, -TURN_STEPS_S), TURN_STEPS_S)
+            turn = round(off * self._model.axle_m / (2.0 * self._model.step_m * AIM_S))
+            turn = min(max(turn, -self._turning), self._turning)
             yield from self._step((-turn, turn))
             yield from self._rest()
 
@@ -294,7 +308,7 @@ class MotionRoutine:
             moment = yield from self._step(speeds)
             if moment.pose is None:
                 continue
-            if area.strays(*moment.pose[:2]) > area.radius_m - EPUCK.radius_m + STRAY_M / 2.0:
+            if area.strays(*moment.pose[:2]) > 1.5 * STRAY_M:
                 raise RobotFailed("left the way that was free for it: is it held or pushed?")
             if moment.time_s >= begun_s + SETTLE_S:
                 seen.append(moment)

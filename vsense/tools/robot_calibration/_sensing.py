@@ -9,7 +9,7 @@ seen.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -19,16 +19,17 @@ from vsense.base.arena import wrap_angle
 from vsense.run.homing.floor import DrivingFloor
 from vsense.tools.robot_calibration._commanding import GROUND, OWN_SENSORS, PROXIMITY, OwnReadings
 from vsense.tools.robot_calibration._places import (
-    ALONE_M,
-    ROOM_M,
-    STAGE_M,
-    STANDING_M,
+    AROUND_M,
     STRAY_M,
     Area,
     FreeFloor,
     GroundPlaces,
     Point,
     WallSpot,
+    alone_m,
+    gaps_m,
+    room_m,
+    stage_m,
 )
 from vsense.tools.robot_calibration._routine import (
     WAY_STEPS_S,
@@ -46,18 +47,16 @@ from vsense.tools.robot_calibration._sensor_fit import (
     fit_ground,
     fit_proximity,
 )
-from vsense.world.robot_models import EPUCK
+from vsense.world.robot_models import EPUCK, RobotModel
 
-GAPS_M = (0.030, 0.020, 0.014, 0.010)
-"""Between body and wall, at which a robot turns on the spot."""
+TOLD_GROUND = 3
+"""Ground sensors that a base tells of: left, centre and right."""
 LEAST_GAP_M = 0.004
 """Nearer than this nobody turns."""
 TRAVEL_STEPS_S, CREEP_STEPS_S, LOOK_STEPS_S = 500, 60, 120
 REACHED_M, OFF_RAD = 0.005, math.radians(25.0)
-CROWDED_M = 0.078
-"""A robot stands where another one is so near ahead of it."""
-AHEAD_M = EPUCK.ground_m[1][0]
-"""Of the axle's middle, the ground sensors. Source: epuck.md section 6."""
+CROWDED_M = 0.008
+"""A robot stands where another body is so near ahead of it."""
 ON_PLACE_S, ACTION_TIMEOUT_S = 2.0, 10.0
 _LOOKS, _TRY_S = 3, 1.0
 _STILL: Speeds = (0, 0)
@@ -65,7 +64,7 @@ _Pose = tuple[float, float, float]
 
 NO_ROOM_TO_MEASURE = (
     "has no room to have its sensors measured: it needs a free way to a wall and back, nobody"
-    " within 17 cm there, and free ways to the places on white and black; move it, or others"
+    " within {:.0f} cm there, and free ways to the places on white and black; move it, or others"
 )
 
 
@@ -75,15 +74,32 @@ class Sensing:
 
     Attributes:
         floor: on which ways are found.
-        spots: before walls; none: not proximity.
+        spots: before walls, by the models that have sensors to be measured there; None: not
+            proximity.
         ground: white and black; None: not ground.
         readings: where they are told.
     """
 
     floor: DrivingFloor
-    spots: Sequence[WallSpot] = ()
+    spots: Mapping[RobotModel, Sequence[WallSpot]] | None = None
     ground: GroundPlaces | None = None
     readings: OwnReadings = field(default_factory=OwnReadings)
+
+
+def unmeasured(model: RobotModel, name: str) -> str:
+    """Why a kind of sensors of a model cannot be measured; "": it can."""
+    if name == GROUND:
+        count = len(model.ground_m)
+        words = f"a {model.name} has {count} ground sensors, and its base tells of 3 at most"
+        return words if count > TOLD_GROUND else ""
+    if not model.ring.places_m:
+        return f"the model {model.name} has no proximity sensors of its own"
+    if model.ring.stands_for:
+        return (
+            f"a {model.name} does not tell what each of its sensors reads, only what they read in"
+            " an e-puck's places: proximity is not measured"
+        )
+    return ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +132,8 @@ class SensorRoutine(MotionRoutine):
     def run(self) -> Acting:
         """The routine; errors as in `MotionRoutine.run`."""
         yield from super().run()
-        self.needs = NO_ROOM_TO_MEASURE
+        needed_m = alone_m(self._model) + self._model.radius_m + AROUND_M
+        self.needs = NO_ROOM_TO_MEASURE.format(100.0 * needed_m)
         left, right = self._straight()
         self._shares = left / WAY_STEPS_S, right / WAY_STEPS_S
         for name in self.wanted:
@@ -127,7 +144,7 @@ class SensorRoutine(MotionRoutine):
     def wanted(self) -> tuple[str, ...]:
         """Which sensors are to be measured, by name."""
         sensing = self._sensing
-        wanted = {PROXIMITY: bool(sensing.spots), GROUND: sensing.ground is not None}
+        wanted = {PROXIMITY: sensing.spots is not None, GROUND: sensing.ground is not None}
         return tuple(name for name in OWN_SENSORS if wanted[name])
 
     def _proximity(self) -> Acting:
@@ -135,15 +152,15 @@ class SensorRoutine(MotionRoutine):
 
         def at_wall(goal: _Goal) -> Acting:
             assert goal.spot is not None
-            for number, gap_m in enumerate(GAPS_M):
-                yield from self._creep(goal.spot, EPUCK.radius_m + gap_m)
+            for number, gap_m in enumerate(gaps_m(self._model)):
+                yield from self._creep(goal.spot, self._model.radius_m + gap_m)
                 looks.extend((yield from self._look_around(goal.spot, 1 - 2 * (number % 2))))
-            yield from self._creep(goal.spot, STAGE_M, -1)
+            yield from self._creep(goal.spot, stage_m(self._model), -1)
 
         try:
             yield from self._hear(PROXIMITY)
             yield from self._trip(self._spots, at_wall)
-            self.sensors[PROXIMITY] = fit_proximity(looks)
+            self.sensors[PROXIMITY] = fit_proximity(looks, self._model)
         except BadReadings as error:
             self.troubles[PROXIMITY] = str(error)
 
@@ -163,7 +180,9 @@ class SensorRoutine(MotionRoutine):
             self.troubles[GROUND] = str(error)
 
     def _hear(self, name: str) -> Acting:
-        """Waits until the robot tells a sensor's readings."""
+        """Waits until the robot tells a sensor's readings; BadReadings where it has none."""
+        if words := unmeasured(self._model, name):
+            raise BadReadings(words)
         until_s = self._moment.time_s + ON_PLACE_S
         while name not in self._moment.readings:
             if self._moment.time_s > until_s:
@@ -195,8 +214,8 @@ class SensorRoutine(MotionRoutine):
         (goal,) = chosen
         self._area = area
         if goal.spot is not None:
-            near = np.array([goal.spot.before(EPUCK.radius_m)])
-            self._floor.give(self.tag, Area(np.concatenate([area.points, near]), ALONE_M))
+            near = np.concatenate([area.points, [goal.spot.before(self._model.radius_m)]])
+            self._floor.give(self.tag, Area(near, alone_m(self._model)))
         self.doing = "driving to a wall" if goal.spot is not None else "driving over the floor"
         for point in self._corners:
             yield from self._drive(point)
@@ -209,14 +228,12 @@ class SensorRoutine(MotionRoutine):
 
     def _choose(self, goals: Iterator[_Goal]) -> tuple[_Goal, Area] | None:
         """The first of some goals to which there is a free way."""
-        places = [place for tag, place in self._floor.places.items() if tag != self.tag]
-        discs = np.array([(*place, STANDING_M) for place in places]).reshape(-1, 3)
-        here = self._place
+        discs, here = self._floor.discs(self.tag), self._place
         for goal, _ in zip(goals, range(_LOOKS)):
-            way = self._sensing.floor.way(here, goal.place, ROOM_M, discs)
+            way = self._sensing.floor.way(here, goal.place, room_m(self._model), discs)
             if way is None:
                 continue
-            area = Area(_along([here, *way]), EPUCK.radius_m + STRAY_M)
+            area = Area(_along([here, *way]), self._model.radius_m + STRAY_M)
             if self._floor.is_free(self.tag, area):
                 self._corners = way
                 return goal, area
@@ -224,21 +241,25 @@ class SensorRoutine(MotionRoutine):
 
     def _spots(self) -> Iterator[_Goal]:
         """Spots before walls that nobody is near, the nearest first."""
-        here = self._place
-        for spot in sorted(self._sensing.spots, key=lambda spot: math.dist(here, spot.stage)):
-            if self._floor.is_alone(self.tag, spot.before(EPUCK.radius_m), ALONE_M):
-                yield _Goal(spot.stage, spot.heading_rad, spot)
+        here, model = self._place, self._model
+        stages = [
+            (spot.before(stage_m(model)), spot) for spot in (self._sensing.spots or {})[model]
+        ]
+        for stage, spot in sorted(stages, key=lambda each: math.dist(here, each[0])):
+            if self._floor.is_alone(self.tag, spot.before(model.radius_m), alone_m(model)):
+                yield _Goal(stage, spot.heading_rad, spot)
 
     def _around(self, place: Point) -> Iterator[_Goal]:
         """Poses in which the ground sensors are over a place."""
+        ahead_m = float(np.mean(self._model.ground_m, axis=0)[0])
         first = math.atan2(place[1] - self._place[1], place[0] - self._place[0])
         for turn in range(8):
             heading = first + turn * math.pi / 4.0
             at = (
-                place[0] - AHEAD_M * math.cos(heading),
-                place[1] - AHEAD_M * math.sin(heading),
+                place[0] - ahead_m * math.cos(heading),
+                place[1] - ahead_m * math.sin(heading),
             )
-            if self._sensing.floor.clearance_m(np.array(at)) >= ROOM_M:
+            if self._sensing.floor.clearance_m(np.array(at)) >= room_m(self._model):
                 yield _Goal(at, heading)
 
     # How it moves.
@@ -284,7 +305,8 @@ class SensorRoutine(MotionRoutine):
     def _drive(self, to: Point) -> Acting:
         yield from self._turn_to(math.atan2(to[1] - self._place[1], to[0] - self._place[0]))
         until_s = self._moment.time_s + ACTION_TIMEOUT_S
-        until_s += 3.0 * math.dist(self._place, to) / (WAY_STEPS_S * EPUCK.step_m)
+        step_m, axle_m = self._model.step_m, self._model.axle_m
+        until_s += 3.0 * math.dist(self._place, to) / (WAY_STEPS_S * step_m)
         heading: float | None = None
         while True:
             x_m, y_m, yaw = yield from self._seen(heading)
@@ -299,17 +321,17 @@ class SensorRoutine(MotionRoutine):
                 yield from self._rest()
                 yield from self._turn_to(yaw + off)
                 continue
-            speed = min(TRAVEL_STEPS_S, max(CREEP_STEPS_S, 1.5 * away_m / EPUCK.step_m))
-            yield from self._step(
-                self._straight_speeds(speed, off * EPUCK.axle_m / (2.0 * EPUCK.step_m))
-            )
+            speed = min(TRAVEL_STEPS_S, max(CREEP_STEPS_S, 1.5 * away_m / step_m))
+            yield from self._step(self._straight_speeds(speed, off * axle_m / (2.0 * step_m)))
         yield from self._rest()
 
     def _creep(self, spot: WallSpot, wall_m: float, sign: int = 1) -> Acting:
         """Creeps towards a wall, or for -1 back from it, until it is so far away."""
         yield from self._turn_to(spot.heading_rad)
         self.doing = "before a wall"
-        until_s = self._moment.time_s + ACTION_TIMEOUT_S + STAGE_M / (CREEP_STEPS_S * EPUCK.step_m)
+        step_m, axle_m = self._model.step_m, self._model.axle_m
+        until_s = self._moment.time_s + ACTION_TIMEOUT_S
+        until_s += stage_m(self._model) / (CREEP_STEPS_S * step_m)
         back_rad = 0.0 if sign > 0 else math.pi
         while True:
             x_m, y_m, yaw = yield from self._seen(spot.heading_rad + back_rad)
@@ -319,9 +341,7 @@ class SensorRoutine(MotionRoutine):
                 raise RobotFailed("does not get on before a wall: is it held, does it touch it?")
             off = float(wrap_angle(spot.heading_rad - yaw))
             yield from self._step(
-                self._straight_speeds(
-                    sign * CREEP_STEPS_S, off * EPUCK.axle_m / (2.0 * EPUCK.step_m)
-                )
+                self._straight_speeds(sign * CREEP_STEPS_S, off * axle_m / (2.0 * step_m))
             )
         yield from self._rest()
 
@@ -330,11 +350,12 @@ class SensorRoutine(MotionRoutine):
         looks: list[WallLook] = []
         turned, before = 0.0, None
         until_s = self._moment.time_s + ACTION_TIMEOUT_S
-        until_s += 3.0 * math.pi * EPUCK.axle_m / (LOOK_STEPS_S * EPUCK.step_m)
+        looking = round(LOOK_STEPS_S * self._model.axle_m / EPUCK.axle_m)
+        until_s += 3.0 * math.pi * self._model.axle_m / (looking * self._model.step_m)
         while turned < 2.0 * math.pi + OFF_RAD:
             x_m, y_m, yaw = yield from self._seen(None)
             away_m = spot.distance_m(x_m, y_m)
-            if away_m < EPUCK.radius_m + LEAST_GAP_M:
+            if away_m < self._model.radius_m + LEAST_GAP_M:
                 raise RobotFailed("came too near to a wall to turn there")
             if self._moment.time_s > until_s:
                 raise RobotFailed("does not turn before a wall: is it held, does it touch it?")
@@ -343,7 +364,7 @@ class SensorRoutine(MotionRoutine):
                 looks.append(WallLook(away_m, facing, self._moment.readings[PROXIMITY]))
             turned += 0.0 if before is None else sign * float(wrap_angle(yaw - before))
             before = yaw
-            yield from self._step(self._straight_speeds(0.0, sign * LOOK_STEPS_S))
+            yield from self._step(self._straight_speeds(0.0, sign * looking))
         yield from self._rest()
         return looks
 

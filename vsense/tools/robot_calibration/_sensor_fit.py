@@ -6,10 +6,10 @@ at it from d metres away it read
     raw = n_i + g_i (T(d + e) - T(inf))
 
 n_i: what it reads with nothing near; g_i: how much of what comes back it sees; T: the response of
-the nominal sensor, the table of Webots' e-puck; e: by how much the wall is farther away than the
-experiment says, common to all sensors. Between 5 and 15 mm a reading changes by 12 % per mm, which
-is why places have to be measured, and one distance is not enough. Sensors that look away from the
-wall see nothing.
+the nominal sensor, the table of the robot's model; e: by how much the wall is farther away than the
+experiment says, common to all sensors. Between 5 and 15 mm an e-puck's reading changes by 12 % per
+mm, which is why places have to be measured, and one distance is not enough. Sensors that look away
+from the wall see nothing.
 
 Ground. What the sensors read on white and on black.
 """
@@ -25,21 +25,17 @@ from numpy.typing import NDArray
 
 from vsense.base.arena import wrap_angle
 from vsense.base.errors import VsenseError
-from vsense.world.robot_models import EPUCK
+from vsense.world.robot_models import RobotModel
 
 Floats = NDArray[np.float64]
-
-_PLACES_M, _HEADINGS_RAD = np.array(EPUCK.ring.places_m), EPUCK.ring.headings_rad
 
 STRAIGHT_RAD = math.radians(12.0)
 """A sensor that looks at the wall less straight than this is not compared with the table."""
 AWAY_RAD = math.radians(110.0)
 """A sensor that looks so far away from it sees nothing of the wall."""
 SATURATED_RAW = 4000.0
-RESPONSE_RANGE_M = 0.045
-"""Beyond that the response is next to nothing."""
-WALL_M = 0.01
-"""Where a span's upper end is read; see `calibration.h`."""
+RESPONSE_RANGE = 4.5
+"""Beyond so many times `wall_m` the response is next to nothing."""
 
 LEAST_READINGS = 6
 """Readings of a sensor that looked at the wall, and of one that looked away."""
@@ -67,7 +63,7 @@ class WallLook:
     Attributes:
         wall_m: distance of the axle's middle from the wall.
         turn_rad: the robot's heading from the direction of the wall, counter-clockwise.
-        raw: (8) readings of ps0..ps7.
+        raw: (k) readings of its sensors.
     """
 
     wall_m: float
@@ -94,37 +90,41 @@ class SensorFit:
     readings: int
 
 
-def response(distances_m: Floats) -> Floats:
-    """What the nominal proximity sensor reads more than with nothing near."""
-    return np.asarray(
-        np.interp(distances_m, EPUCK.ring.table_m, EPUCK.ring.table_raw) - EPUCK.ring.table_raw[-1]
-    )
+def wall_m(model: RobotModel) -> float:
+    """Where the upper end of a model's span is read, see `RingModel.span`."""
+    return model.ring.span[0]
 
 
-def sensor_distances(looks: Sequence[WallLook]) -> tuple[Floats, Floats]:
+def response(distances_m: Floats, model: RobotModel) -> Floats:
+    """What a nominal proximity sensor of a model reads more than with nothing near."""
+    ring = model.ring
+    return np.asarray(np.interp(distances_m, ring.table_m, ring.table_raw) - ring.table_raw[-1])
+
+
+def sensor_distances(looks: Sequence[WallLook], model: RobotModel) -> tuple[Floats, Floats]:
     """How far each sensor is from the wall along its own direction [m], and how far it looks away
-    from the wall's [rad]; (n, 8) each."""
+    from the wall's [rad]; (n, k) each."""
+    places_m = np.array(model.ring.places_m)
     turns = np.array([look.turn_rad for look in looks])[:, None]
     cos, sin = np.cos(turns), np.sin(turns)
-    toward = cos * _PLACES_M[:, 0] - sin * _PLACES_M[:, 1]
-    away = np.abs(wrap_angle(turns + _HEADINGS_RAD))
+    toward = cos * places_m[:, 0] - sin * places_m[:, 1]
+    away = np.abs(wrap_angle(turns + model.ring.headings_rad))
     walls = np.array([look.wall_m for look in looks])[:, None]
     return np.asarray((walls - toward) / np.maximum(np.cos(away), 0.1)), away
 
 
-def fit_proximity(looks: Sequence[WallLook]) -> SensorFit:
-    """Finds the eight spans.
+def fit_proximity(looks: Sequence[WallLook], model: RobotModel) -> SensorFit:
+    """Finds the spans of a model's sensors.
 
     Raises:
         BadReadings: too little was seen, or it is not what a wall reflects.
     """
-    raw = np.array([look.raw for look in looks]).reshape(-1, len(_HEADINGS_RAD))
+    count = len(model.ring.places_m)
+    raw = np.array([look.raw[:count] for look in looks]).reshape(-1, count)
     if not len(raw):
         raise BadReadings("its proximity readings did not come")
-    distances, away = sensor_distances(looks)
-    sensors = [
-        _Sensor.of(i, distances[:, i], away[:, i], raw[:, i]) for i in range(len(_HEADINGS_RAD))
-    ]
+    distances, away = sensor_distances(looks, model)
+    sensors = [_Sensor.of(i, model, distances[:, i], away[:, i], raw[:, i]) for i in range(count)]
     errors = np.linspace(-_REACH_M, _REACH_M, _PARTS)
     costs = [sum(sensor.solve(error)[2] for sensor in sensors) for error in errors]
     best = int(np.argmin(costs))
@@ -156,17 +156,21 @@ class _Sensor:
     """One sensor's readings: of nothing, and of the wall at distances."""
 
     number: int
+    model: RobotModel
     nothing: Floats
     distances_m: Floats
     raw: Floats
 
     @classmethod
-    def of(cls, number: int, distances_m: Floats, away_rad: Floats, raw: Floats) -> _Sensor:
-        wall = (away_rad < STRAIGHT_RAD) & (raw < SATURATED_RAW) & (distances_m < RESPONSE_RANGE_M)
+    def of(
+        cls, number: int, model: RobotModel, distances_m: Floats, away_rad: Floats, raw: Floats
+    ) -> _Sensor:
+        wall = (away_rad < STRAIGHT_RAD) & (raw < SATURATED_RAW)
+        wall &= distances_m < RESPONSE_RANGE * wall_m(model)
         nothing = raw[away_rad > AWAY_RAD]
         if min(int(wall.sum()), len(nothing)) < LEAST_READINGS:
             raise BadReadings(f"ps{number} was not seen long enough, looking at the wall and away")
-        return cls(number, nothing, distances_m[wall], raw[wall])
+        return cls(number, model, nothing, distances_m[wall], raw[wall])
 
     def solve(self, error_m: float) -> tuple[Floats, Floats, float]:
         """Nothing and gain, their covariance (2, 2), and the cost, for a wall so far off."""
@@ -174,7 +178,7 @@ class _Sensor:
         # Not those of the response at `at`: costs of different errors could not be compared.
         excess = self.raw - np.median(self.nothing)
         weights = 1.0 / np.hypot(_NOISE_RAW, _NOISE_SHARE * excess)
-        rows = np.stack([np.ones_like(at), response(at)], axis=1) * weights[:, None]
+        rows = np.stack([np.ones_like(at), response(at, self.model)], axis=1) * weights[:, None]
         rest = np.stack([np.ones_like(self.nothing), np.zeros_like(self.nothing)], axis=1)
         design = np.concatenate([rows, rest / _NOISE_RAW])
         wanted = np.concatenate([self.raw * weights, self.nothing / _NOISE_RAW])
@@ -186,14 +190,15 @@ class _Sensor:
     def named(self, error_m: float) -> tuple[Floats, Floats, float]:
         """Its span, standard deviations, and what is left over; BadReadings where it cannot be."""
         (nothing, gain), covariance, _ = self.solve(error_m)
-        full = float(response(np.array([WALL_M]))[0])
+        full = float(response(np.array([wall_m(self.model)]), self.model)[0])
         width = gain * full
         if width < SPAN_MIN or nothing + width > MOST_RAW:
             raise BadReadings(
                 f"ps{self.number} reads {nothing:.0f} of nothing and {nothing + width:.0f} of a"
-                " wall 1 cm ahead: it is broken or covered, or there is no wall"
+                f" wall {100 * wall_m(self.model):g} cm ahead: it is broken or covered, or there"
+                " is no wall"
             )
-        off = self.raw - nothing - gain * response(self.distances_m + error_m)
+        off = self.raw - nothing - gain * response(self.distances_m + error_m, self.model)
         rest = math.sqrt(float((off**2).mean())) / width
         if rest > MOST_REST:
             raise BadReadings(

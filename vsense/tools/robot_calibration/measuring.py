@@ -16,7 +16,7 @@ from vsense.base.terminal import Console, aligned, interruption, print_data
 from vsense.config import roster
 from vsense.config.roster import Roster
 from vsense.config.specs import Experiment
-from vsense.modes.lab.hardware import EmulatedLab, LabRobots
+from vsense.modes.lab.hardware import EmulatedLab, LabRobots, bases_of
 from vsense.modes.lab.session import Session
 from vsense.modes.live.session import ExperimentSession, RunSession, RunSetup
 from vsense.monitor.ui.access import WebAddress
@@ -39,7 +39,7 @@ from vsense.tools.robot_calibration._commanding import (
 from vsense.tools.robot_calibration._driving import SwarmCalibration
 from vsense.tools.robot_calibration._places import Point, ground_places, spots
 from vsense.tools.robot_calibration._results import RobotResult
-from vsense.tools.robot_calibration._sensing import Sensing
+from vsense.tools.robot_calibration._sensing import Sensing, unmeasured
 from vsense.tools.robot_calibration._wiggle import Verdict, WiggleCheck, WiggledRobot, exchanged
 
 CALIBRATION_FILE, CHECK_FILE = "calibration.json", "check.json"
@@ -47,8 +47,8 @@ CALIBRATION_FILE, CHECK_FILE = "calibration.json", "check.json"
 ROBOTS_WAIT_S = 20.0
 """Robots are waited for so long; then it begins without those that are missing."""
 
-GROUND_BASES = ("gctronic", "york")
-"""Bases of the lab whose robots have a ground board."""
+GROUND_BASES = ("gctronic", "york", "thymio")
+"""Bases of the lab whose robots tell what ground sensors read."""
 
 BLACK_M = 0.05
 """Radius of the black disc that lies on the lab's floor."""
@@ -167,14 +167,19 @@ def sensing_of(options: MeasuringOptions, asked: SensorOptions) -> Sensing | Non
             raise UsageError(f"--{name} is for {needed} sensors: expected --sensors {needed}")
     if not sensors:
         return None
-    if GROUND in sensors and lab is not None and lab.base not in GROUND_BASES:
-        raise UsageError(
-            f"--lab with --base {lab.base}: its robots have no ground sensors; expected --base"
-            f" {' or '.join(GROUND_BASES)}"
-        )
+    if GROUND in sensors and lab is not None:
+        types = [experiment.casting.type_of(robot.tag) for robot in experiment.robots]
+        kinds = bases_of(lab.base, types)
+        if not set(kinds) & {*GROUND_BASES}:
+            raise UsageError(
+                f"--lab with --base {kinds[0]}: its robots have no ground sensors; expected --base"
+                f" {' or '.join(GROUND_BASES)}"
+            )
     ground = ground_places(experiment, asked.white, asked.black) if GROUND in sensors else None
-    before = spots(experiment, asked.wall) if PROXIMITY in sensors else ()
-    return Sensing(DrivingFloor.of(experiment), before, ground, OwnReadings(sensors))
+    rings = {r.model for r in experiment.robots if not unmeasured(r.model, PROXIMITY)}
+    before = {model: spots(experiment, model, asked.wall) for model in rings}
+    floor, readings = DrivingFloor.of(experiment), OwnReadings(sensors)
+    return Sensing(floor, before if PROXIMITY in sensors else None, ground, readings)
 
 
 def calibrate(options: MeasuringOptions, asked: SensorOptions = SensorOptions()) -> int:
