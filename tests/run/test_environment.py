@@ -12,9 +12,10 @@ import pytest
 
 from tests.rigs.lines import in_sight
 from vsense.base.arena import ArenaState
-from vsense.base.errors import VsenseError
+from vsense.base.errors import ConfigError, VsenseError
 from vsense.base.readings import SensorReadings
 from vsense.config.experiment import load
+from vsense.monitor.ui import messages
 from vsense.robots.link.table import Direction, Entry, Table
 from vsense.robots.python_swarm import OWN_COUNTS
 from vsense.run._own_devices import OwnDevices
@@ -78,11 +79,15 @@ EXPERIMENT = """<argos-configuration xmlns:vs="urn:vsense:1">
 """
 
 
-def environment(folder: Path, more: str = "", loop: str = "") -> Environment:
+def environment(folder: Path, more: str = "", loop: str = "", other: bool = False) -> Environment:
     (folder / "sower.c").write_text(CONTROLLER)
     (folder / "loop.py").write_text(loop)
     hooks = '<loop_functions library="loop.py" goal="3" />' if loop else ""
-    (folder / "sower.argos").write_text(EXPERIMENT.replace("MORE", more).replace("LOOP", hooks))
+    text = EXPERIMENT.replace("MORE", more).replace("LOOP", hooks)
+    if other:
+        start, end = text.index("<controllers>") + 13, text.index("</controllers>")
+        text = text[:end] + text[start:end].replace('id="sower"', 'id="other"') + text[end:]
+    (folder / "sower.argos").write_text(text)
     return Environment(load(folder / "sower.argos"), seed=1)
 
 
@@ -250,6 +255,22 @@ def test_a_virtual_robot_cannot_push_a_real_one(tmp_path: Path, state: States) -
     for step in range(45):
         here.step(state({31: (0.0, 0.6, 0.0)}, (step + 1) * STEP_NS), step - 3, {})
     assert ghost_of(here)[0] == pytest.approx(-0.07, abs=2e-3)
+
+
+def test_a_virtual_robot_of_another_model_drives_and_stands_as_its_file_says(
+    tmp_path: Path, state: States
+) -> None:
+    """Its body meets a real one 8 cm before its middle; real e-pucks have controllers of theirs."""
+    thymio = GHOST.replace("vs:virtual=", 'vs:model="thymio2" vs:virtual=').replace("X", "-0.5")
+    with pytest.raises(ConfigError, match="of the models epuck and thymio2: each needs"):
+        environment(tmp_path, thymio)
+    here = environment(tmp_path, thymio.replace("sower", "other"), other=True)
+    assert here.world.models[0x10000].name == "thymio2"
+    for step in range(45):
+        here.step(state({31: (0.0, 0.6, 0.0)}, (step + 1) * STEP_NS), step - 3, {})
+    assert ghost_of(here)[0] == pytest.approx(-0.035 - 0.08, abs=2e-3)
+    data = messages.world(here.world)["entities"][-1]
+    assert (data["model"], data["radius_m"]) == ("thymio2", 0.08)
 
 
 def test_loop_functions_may_move_and_remove_virtual_robots(tmp_path: Path, state: States) -> None:

@@ -9,7 +9,6 @@ import pytest
 
 from vsense.base.errors import ConfigError, UsageError
 from vsense.config.experiment import SHIPPED_FOLDER, load
-from vsense.world.entities import WorldError
 from vsense.world.physics.motion import Physics
 from vsense.world.physics.proximity_ring import ProximityRing
 from vsense.world.robot_models import EPUCK, MODELS_FOLDER, model_of, models_in, shipped_models
@@ -73,9 +72,9 @@ def test_names_that_are_none_and_files_that_cannot_be_read(tmp_path: Path) -> No
         with pytest.raises(UsageError, match=f"cannot read .*{name}.toml"):
             model_of(name, tmp_path)
     for name in ("x" * 300, "../mine", "a/b", "", "mine\0"):
-        with pytest.raises(WorldError, match="is no name of a robot model"):
+        with pytest.raises(UsageError, match="is no name of a robot model"):
             model_of(name, tmp_path)
-    with pytest.raises(WorldError, match=r"there is no robot model 'roboter'; .* mine") as refused:
+    with pytest.raises(UsageError, match=r"there is no robot model 'roboter'; .* mine") as refused:
         model_of("roboter", tmp_path)
     assert "robots" not in str(refused.value)
 

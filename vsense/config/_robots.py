@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -25,7 +25,7 @@ from vsense.config.specs import (
     Stage,
 )  # fmt: skip
 from vsense.vision.markers.families import load_family
-from vsense.world.entities import VIRTUAL_TAG_MIN, Arena, Entity, VirtualRobot, WorldError
+from vsense.world.entities import VIRTUAL_TAG_MIN, Arena, Entity, VirtualRobot
 from vsense.world.robot_models import EPUCK, RobotModel, model_of
 from vsense.world.sensors.base import RobotSettings
 from vsense.world.world import MESSAGE_MAX
@@ -150,24 +150,25 @@ def _read_model(element: Element, bodies: ArenaContents) -> RobotModel:
     try:
         usual = argos.ROBOTS.get(element.name, EPUCK.name)
         return model_of(element.text("vs:model", usual), bodies.folder)
-    except (WorldError, UsageError) as error:
+    except UsageError as error:
         raise element.error(str(error), "vs:model") from None
 
 
-def check_models(controller: Element, bodies: ArenaContents) -> None:
-    """Refuses a controller for robots of several models: their sensors differ.
-
-    Bodies whose masses differ too much are refused, too: contacts of the heavy ones would not be
-    resolved where light ones touch each other.
-    """
-    name = controller.text("id")
-    there: list[RobotSpec | ObjectSpec] = [*bodies.robots, *bodies.objects]
+def check_masses(arena: Element, bodies: ArenaContents) -> None:
+    """Refuses bodies whose masses differ too much: contacts of the heavy ones would not be resolved
+    where light ones touch each other."""
+    there: list[RobotSpec | ObjectSpec | VirtualRobot] = [*bodies.robots, *bodies.objects]
+    there += [thing for thing in bodies.everything.values() if isinstance(thing, VirtualRobot)]
     by_mass = sorted((body.model.mass_kg, body.model.name) for body in there)
     (least_kg, light), (most_kg, heavy) = by_mass[0], by_mass[-1]
     if most_kg > MOST_MASS_RATIO * least_kg:
         words = f"{light} has {least_kg:g} kg in this arena, and {heavy} {most_kg:g} kg"
-        raise controller.error(f"{words}: expected at most {MOST_MASS_RATIO} times as much")
-    models = {robot.model.name for robot in bodies.robots if robot.controller == name}
+        raise arena.error(f"{words}: expected at most {MOST_MASS_RATIO} times as much")
+
+
+def check_models(controller: Element, robots: Sequence[str], bodies: ArenaContents) -> None:
+    """Refuses a controller whose `robots` are of several models: their sensors differ."""
+    models = {bodies.settings[robot].model.name for robot in robots}
     if len(models) > 1:
         words = f"drives robots of the models {' and '.join(sorted(models))}"
         raise controller.error(f"{words}: each needs a controller of its own")
@@ -243,29 +244,28 @@ def add_crowd(crowd: DistributedCrowd, bodies: ArenaContents) -> None:
 def _add_virtual(element: Element, bodies: ArenaContents) -> None:
     name = element.text("id")
     bodies.claim_id(element, name)
-    driver = _driver(element, name, bodies)
+    model = _read_model(element, bodies)
+    driver = _driver(element, name, model, bodies)
     pose = _read_pose(element, bodies)
-    bodies.entities.append(VirtualRobot(name, bodies.next_virtual_tag(), *pose, driver))
+    bodies.entities.append(VirtualRobot(name, bodies.next_virtual_tag(), *pose, driver, model))
 
 
 def _add_virtual_crowd(crowd: DistributedCrowd, prefix: str, bodies: ArenaContents) -> None:
-    element = crowd.element
+    element, model = crowd.element, _read_model(crowd.element, bodies)
     for number in crowd.numbers:
         name = f"{prefix}{number}"
         bodies.claim_id(element, name)
-        driver = _driver(element, name, bodies)
-        robot = VirtualRobot(name, bodies.next_virtual_tag(), 0.0, 0.0, controller=driver)
+        driver = _driver(element, name, model, bodies)
+        robot = VirtualRobot(name, bodies.next_virtual_tag(), 0.0, 0.0, 0.0, driver, model)
         bodies.distributed.append(DistributedSpec(robot, crowd.distribution, element.line))
 
 
-def _driver(element: Element, name: str, bodies: ArenaContents) -> str:
+def _driver(element: Element, name: str, model: RobotModel, bodies: ArenaContents) -> str:
     """The id of the controller that drives a virtual robot; "": loop functions move it."""
     controller = element.optional_child("controller")
-    if argos.ROBOTS[element.name] != EPUCK.name:
-        raise element.error("is virtual, and virtual robots are e-pucks", "vs:virtual")
     if controller is None:
         return ""
-    return _name_controller(element, controller, name, EPUCK, bodies)
+    return _name_controller(element, controller, name, model, bodies)
 
 
 def _name_controller(

@@ -16,7 +16,7 @@ from vsense.base.xml.parsing import parse
 from vsense.config import _programs, argos, policies
 from vsense.config._framework import collect, read_loop_functions, read_rest, read_run, read_tracker
 from vsense.config._population import cast, populate
-from vsense.config._robots import ArenaContents, check_markers, check_models
+from vsense.config._robots import ArenaContents, check_markers, check_masses, check_models
 from vsense.config._settings import apply, check_used
 from vsense.config._things import Media, by_id, read_media
 from vsense.config.arena import read_arena
@@ -157,6 +157,7 @@ def _read_understood(
     if not bodies.robots:
         raise arena.error(_no_robot(root, arena))
     cast(bodies, marker.family, casting, root.document.file)
+    check_masses(arena, bodies)
     geofence = bodies.read_geofence(arena, serves.is_sim, casting.replaced)
     scope = _scope(bodies, round(run.length_s * run.ticks_per_second), loop_functions)
     controllers = _read_controllers(root, bodies, scope, media, serves, geofence)
@@ -291,7 +292,7 @@ def _settings(controller: Element, bodies: ArenaContents) -> RobotSettings:
     robots = [robot for robot, config in users.items() if config == name]
     settings = [bodies.settings[robot] for robot in robots]
     sensors = [e.name for section in controller.below("sensors") for e in section.below()]
-    check_models(controller, bodies)
+    check_models(controller, robots, bodies)
     if any(other != settings[0] for other in settings) and not USING_SETTINGS.isdisjoint(sensors):
         controller.warn(
             f"drives robots with several settings of devices: those of {robots[0]!r} count"

@@ -140,7 +140,7 @@ def of_entity(entity: Entity) -> Footprint | None:
         return Footprint(f"cylinder {entity.id!r}", x_m, y_m, low_m, high_m, entity.radius_m)
     if isinstance(entity, VirtualRobot):
         pose = Pose(entity.x_m, entity.y_m, entity.yaw_rad)
-        return of_robot(f"virtual robot {entity.id!r}", pose)
+        return of_robot(f"virtual robot {entity.id!r}", pose, entity.model)
     return None
 
 

@@ -31,7 +31,6 @@ from vsense.base.errors import ConfigError, UsageError, failing_as
 from vsense.base.files import MOST_FILE_BYTES, replace_text
 from vsense.base.toml import TomlFile, decode_toml, read_toml_text
 from vsense.config.roster_fields import DEFAULTS, LAB, MarkerOffset, RobotCalibration, refuse_lines
-from vsense.world.entities import WorldError
 from vsense.world.robot_models import EPUCK, RobotModel, model_of
 
 FILE_NAME = "robots.toml"
@@ -118,7 +117,7 @@ class Roster:
         """
         try:
             return model_of(robot.model, self.path.parent) if robot.model else None
-        except (WorldError, UsageError) as error:
+        except UsageError as error:
             raise self.error(robot, f"model: {error}") from None
 
     def settings_of(self, robot: RosterRobot) -> dict[str, str]:

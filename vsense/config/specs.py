@@ -296,8 +296,8 @@ class Experiment:
 
     @property
     def models(self) -> dict[int, RobotModel]:
-        """Of all that wears a marker, by tag."""
-        return {body.tag: body.model for body in self.bodies}
+        """Of all robots and of all that wears a marker, by tag."""
+        return {body.tag: body.model for body in (*self.bodies, *self.virtual_robots)}
 
     @property
     def tallest_m(self) -> float:

@@ -24,6 +24,7 @@ from vsense.run.programs import Programs, failed_words, shared_objects
 from vsense.world.entities import VirtualRobot
 from vsense.world.physics.motion import Physics, obstacles
 from vsense.world.physics.proximity_ring import ProximityRing
+from vsense.world.robot_models import EPUCK
 from vsense.world.sightings import recent
 from vsense.world.world import BODY_MEMORY_NS, World
 
@@ -111,16 +112,24 @@ class _Scene:
         self._tags = tags
         self._rows = [row for row, tag in enumerate(tags) if tag in here]
         self._robots = [here[tag] for tag in tags if tag in here]
-        self._standing = obstacles(world.boxes(), world.cylinders())
-        boxes, cylinders = self._standing
+        real = (*world.robots[: world.real_robots]["tag"], *world.objects["tag"])
+        models = [robot.model for robot in self._robots]
+        models += [world.models.get(tag, EPUCK) for tag in real]
+        self._tallest_m = max(model.height_m for model in (EPUCK, *models))
+        boxes, cylinders = self._standing = self._obstacles(world)
         poses = [(robot.x_m, robot.y_m, robot.yaw_rad) for robot in self._robots]
-        self._physics = Physics(poses, _real_poses(world), boxes, start_ns, cylinders)
-        self._ring = ProximityRing(self._physics.near, seed)
+        self._physics = Physics(
+            poses, _real_poses(world), boxes, start_ns, cylinders, models=models
+        )
+        self._ring = ProximityRing(self._physics.near, seed, models=models)
+
+    def _obstacles(self, world: World) -> tuple[Floats, Floats]:
+        return obstacles(world.boxes(), world.cylinders(), self._tallest_m)
 
     def holds(self, world: World) -> bool:
         """Whether only real robots have moved since `move`."""
         here = {robot.tag: robot for robot in _robots_of(world) if robot.tag in self._tags}
-        same = zip(self._standing, obstacles(world.boxes(), world.cylinders()))
+        same = zip(self._standing, self._obstacles(world))
         known_here = {robot.tag: robot for robot in self._robots}
         return here == known_here and all(np.array_equal(old, new) for old, new in same)
 

@@ -227,7 +227,9 @@ class CxxLoopFunctions:
             f"moves\t{int(self._moves)}",
             _line("arena", "", *arena.size_m, *arena.centre_m).replace("\t\t", "\t"),
         ]
-        lines += [f"model\t{robot.id}\t{robot.model.name}" for robot in experiment.robots]
+        models = {robot.id: robot.model.name for robot in experiment.robots}
+        models |= {robot.id: robot.model.name for robot in experiment.virtual_robots}
+        lines += [f"model\t{name}\t{model}" for name, model in models.items()]
         return [*lines, *(line for e in experiment.entities if (line := _described(e)))]
 
     def _rows(self, world: World) -> Floats:

@@ -151,7 +151,7 @@ class Programs:
                     self._parts.append((number, rows, self._embodied(opened(*given, own))))
 
     def _embodied(self, program: Program) -> Program:
-        """A program that knows what its robots are, all of one model; virtual ones are e-pucks."""
+        """A program that knows what its robots are, all of one model."""
         model = self._experiment.models.get(program.tags[0], EPUCK)
         if model != EPUCK:
             program.embody(model)

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from vsense.base.arena import wrap_angle
 from vsense.base.errors import VsenseError
 from vsense.base.native import kernel_ffi, kernels
+from vsense.world.robot_models import EPUCK, RobotModel
 
 Vector = tuple[float, float, float]
 Color = tuple[int, int, int]
@@ -188,6 +189,7 @@ class VirtualRobot:
         tag: its number, from VIRTUAL_TAG_MIN.
         yaw_rad: its heading.
         controller: id of the controller that drives it; "": only loop functions move it.
+        model: what kind of robot it is.
     """
 
     id: str
@@ -196,6 +198,7 @@ class VirtualRobot:
     y_m: float
     yaw_rad: float = 0.0
     controller: str = ""
+    model: RobotModel = EPUCK
 
     def __post_init__(self) -> None:
         _check(self)

@@ -43,12 +43,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.errors import instead
+from vsense.base.errors import UsageError, instead
 from vsense.base.files import PACKAGE_FOLDER
 from vsense.base.native import kernels
 from vsense.base.toml import read_toml_text
 from vsense.world._model_file import CURVES, read_tables
-from vsense.world.entities import WorldError
 
 Point = tuple[float, float]
 
@@ -195,19 +194,18 @@ def model_of(name: str, folder: Path | None = None) -> RobotModel:
     """The model of a name: a file in `folder`, or a shipped one.
 
     Raises:
-        WorldError: there is none of this name.
-        UsageError: its file cannot be read.
+        UsageError: there is none of this name, or its file cannot be read.
         ConfigError: the file is wrong; the error names file, line, value and expectation.
     """
     known = shipped_models()
     if not _NAME.fullmatch(name):
-        raise WorldError(f"{name[:40]!r} is no name of a robot model; {instead(name[:40], known)}")
+        raise UsageError(f"{name[:40]!r} is no name of a robot model; {instead(name[:40], known)}")
     own = None if folder is None else folder / f"{name}{MODEL_SUFFIX}"
     if own is not None and os.path.lexists(own):
         return read_model(own)
     if name not in known:
         there = instead(name, [*known, *([] if folder is None else models_in(folder))])
-        raise WorldError(f"there is no robot model {name!r}; {there}")
+        raise UsageError(f"there is no robot model {name!r}; {there}")
     return read_model(MODELS_FOLDER / f"{name}{MODEL_SUFFIX}")
 
 

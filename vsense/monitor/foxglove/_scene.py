@@ -128,12 +128,12 @@ def _zone(thing: Mapping[str, Any]) -> Pieces:
 
 def _robot(thing: Mapping[str, Any]) -> Pieces:
     x_m, y_m = thing["x_m"], thing["y_m"]
+    radius_m = thing.get("radius_m", EPUCK.radius_m)
+    height_m = thing.get("height_m", EPUCK.height_m)
     return {
-        "cylinders": [_shapes.cylinder((x_m, y_m, 0.0), EPUCK.radius_m, EPUCK.height_m, _VIRTUAL)],
-        "arrows": [
-            _shapes.arrow((x_m, y_m, EPUCK.height_m), thing["yaw_rad"], EPUCK.radius_m, _HEADING)
-        ],
-        "texts": [_name(thing, (x_m, y_m, 1.5 * EPUCK.height_m))],
+        "cylinders": [_shapes.cylinder((x_m, y_m, 0.0), radius_m, height_m, _VIRTUAL)],
+        "arrows": [_shapes.arrow((x_m, y_m, height_m), thing["yaw_rad"], radius_m, _HEADING)],
+        "texts": [_name(thing, (x_m, y_m, 1.5 * height_m))],
     }
 
 

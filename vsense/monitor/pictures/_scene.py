@@ -153,8 +153,8 @@ def draw_scene(canvas: Canvas, moment: ArenaMoment, view: Projection) -> None:
     for lamp in snapshot.lamps:
         _lamp(canvas, lamp, snapshot, view)
     _robots(canvas, moment, view)
-    for pose in snapshot.virtual_robots:
-        _virtual_robot(canvas, pose, view)
+    for robot in snapshot.virtual_robots:
+        _virtual_robot(canvas, robot, view)
     if moment.senses is not None:
         _senses(canvas, moment, moment.senses, view)
     _names(canvas, moment, view)
@@ -276,18 +276,18 @@ def _robot(
         canvas.lines(piece, colour, float(np.clip(0.18 * radius, 1.2, 2.0)))
 
 
-def _virtual_robot(canvas: Canvas, pose: Floats, view: Projection) -> None:
+def _virtual_robot(canvas: Canvas, robot: Floats, view: Projection) -> None:
     """Draws a body that nobody sees: where it stands, and its top."""
-    rim = pose[:2] + EPUCK.radius_m * _RIM
-    top_m = 0.0 if view.flat else EPUCK.height_m
+    pose, radius_m, height_m = robot[:3], float(robot[3]), float(robot[4])
+    rim = pose[:2] + radius_m * _RIM
+    top_m = 0.0 if view.flat else height_m
     canvas.fill(view.area(upright(rim, 0.0)), VIRTUAL_ROBOT, 0.35)
     if not view.flat:
         canvas.fill(view.area(upright(rim, top_m)), VIRTUAL_ROBOT, 0.35)
         _edges(canvas, Solid(rim, 0.0, top_m), view, VIRTUAL_ROBOT, 1.0)
     spot = view.spot(np.array([*pose[:2], top_m]))
     if spot is not None:
-        body = top_m, EPUCK.radius_m
-        _robot(canvas, pose, body, view, VIRTUAL_ROBOT, EPUCK.radius_m * spot[1])
+        _robot(canvas, pose, (top_m, radius_m), view, VIRTUAL_ROBOT, radius_m * spot[1])
 
 
 def _senses(canvas: Canvas, moment: ArenaMoment, senses: Senses, view: Projection) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.config.specs import Experiment
-from vsense.world.entities import Arena, Box, Cylinder, Entity, Light, Zone
+from vsense.world.entities import Arena, Box, Cylinder, Entity, Light, VirtualRobot, Zone
 from vsense.world.fields import Floor
 from vsense.world.world import World
 
@@ -68,7 +68,8 @@ class WorldSnapshot:
         physical: Those that stand in the real arena.
         zones: Regions of the floor; those with a colour are in `floor`, too.
         cones: (3, 2) polluted triangles, the source first.
-        virtual_robots: (n, 3) x, y in m and yaw in rad of the virtual robots.
+        virtual_robots: (n, 5) x, y in m and yaw in rad of the virtual robots, radius and height in
+            m of their bodies.
         leds: (n, 3) red, green, blue of the real robots' virtual LEDs; 0: off.
     """
 
@@ -97,7 +98,7 @@ class WorldSnapshot:
             zones=tuple(replace(z, outline_m=z.outline_m - moved) for z in self.zones),
             lamps=tuple(replace(lamp, place_m=lamp.place_m - moved) for lamp in self.lamps),
             cones=tuple(cone - moved for cone in self.cones),
-            virtual_robots=self.virtual_robots - np.array([*moved, 0.0]),
+            virtual_robots=self.virtual_robots - np.array([*moved, 0.0, 0.0, 0.0]),
         )
 
 
@@ -105,14 +106,12 @@ def take_snapshot(world: World, experiment: Experiment) -> WorldSnapshot:
     """Copies the present state of the world of an experiment."""
     arena = experiment.arena
     cones = [world.cone(source) for source in experiment.sources]
-    robots = world.robots[world.real_robots :]
     return make_snapshot(
         arena,
         list(world.entities.values()),
         floor_raster(world.floor, arena),
         [_field(world, name, arena) for name in world.fields],
         [cone.vertices() for cone in cones if cone is not None],
-        np.stack((robots["x_m"], robots["y_m"], robots["yaw_rad"]), axis=-1),
         world.leds[: world.real_robots].copy(),
     )
 
@@ -123,16 +122,20 @@ def make_snapshot(
     floor: Image | None,
     fields: Iterable[Floats],
     cones: Iterable[Floats],
-    virtual_robots: Floats,
     leds: NDArray[np.uint8],
 ) -> WorldSnapshot:
     """Makes a snapshot of what is told in the arena frame.
 
-    `floor` and `fields` are rasters over the arena, `cones` (3, 2), `virtual_robots` (n, 3),
-    `leds` (n, 3); see `WorldSnapshot`.
+    `floor` and `fields` are rasters over the arena, `cones` (3, 2), `leds` (n, 3); see
+    `WorldSnapshot`.
     """
     centre = np.array(arena.centre_m[:2])
     solids = [(e.physical, _solid(e, centre)) for e in entities if isinstance(e, (Box, Cylinder))]
+    robots = [
+        (e.x_m, e.y_m, e.yaw_rad, e.model.radius_m, e.model.height_m)
+        for e in entities
+        if isinstance(e, VirtualRobot)
+    ]
     lights = [e for e in entities if isinstance(e, Light)]
     return WorldSnapshot(
         arena=arena,
@@ -147,7 +150,7 @@ def make_snapshot(
             Lamp(np.array(e.position_m[:2]) - centre, e.position_m[2], e.color) for e in lights
         ),
         cones=tuple(cone - centre for cone in cones),
-        virtual_robots=virtual_robots.reshape(-1, 3) - np.array([*centre, 0.0]),
+        virtual_robots=np.array(robots).reshape(-1, 5) - np.array([*centre, 0.0, 0.0, 0.0]),
         leds=leds,
     )
 

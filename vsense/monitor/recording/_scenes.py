@@ -10,7 +10,7 @@ import math
 from collections import deque
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from dataclasses import fields as fields_of
 from typing import Any
 
@@ -212,14 +212,12 @@ class RecordedScenes:
         cones = [np.stack((c["x_m"], c["y_m"]), axis=-1) for c in signals.get("cones") or []]
         leds = signals.get("leds") or {"tag": [], "color": []}
         colours = dict(zip(leds["tag"], leds["color"], strict=True))
-        moving = [e for e in self._entities if isinstance(e, VirtualRobot)]
         return make_snapshot(
             self.arena,
             self._entities,
             self._floor,
             self._fields,
             [cone for cone in cones if cone.shape == (3, 2)],
-            np.array([(e.x_m, e.y_m, e.yaw_rad) for e in moving], np.float64),
             np.array([colours.get(tag, (0, 0, 0)) for tag in tags], np.uint8).reshape(-1, 3),
         )
 
@@ -289,7 +287,12 @@ def _entity(data: Mapping[str, Any]) -> Entity | None:
         values = {n: tuple(v) if isinstance(v, list) else v for n, v in data.items() if n in names}
         if "leds" in values:
             values["leds"] = tuple(Led(tuple(at), tuple(color)) for at, color in values["leds"])
+        values.pop("model", None)
         entity: Entity = kind(**values)
+        if isinstance(entity, VirtualRobot) and "radius_m" in data:
+            radius_m, height_m = float(data["radius_m"]), float(data["height_m"])
+            model = replace(EPUCK, radius_m=radius_m, height_m=height_m)
+            entity = replace(entity, model=model)
         return entity
     return None
 

@@ -24,7 +24,7 @@ from vsense.robots.link.table import Direction, Entry
 from vsense.run.environment import Environment, Equipment
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.cameras.grabber import Troubles
-from vsense.world.entities import Entity
+from vsense.world.entities import Entity, VirtualRobot
 from vsense.world.fields import Field, Floor
 from vsense.world.robot_models import EPUCK, WHEELS
 from vsense.world.sensors.base import VirtualSensor, layout_dtype
@@ -48,11 +48,14 @@ def world(world: World) -> Data:
 
 
 def entity(thing: Entity) -> Data:
-    """One entity: its kind and its fields."""
+    """One entity: its kind and its fields; of a robot's model its name and the body."""
     data: Data = {"kind": ENTITY_KINDS[type(thing).__name__]}
     for field in fields_of(thing):
         value = getattr(thing, field.name)
         data[field.name] = list(value) if isinstance(value, tuple) else value
+    if isinstance(thing, VirtualRobot):
+        model = thing.model
+        data |= {"model": model.name, "radius_m": model.radius_m, "height_m": model.height_m}
     return data
 
 

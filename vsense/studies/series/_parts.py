@@ -41,7 +41,7 @@ class PlannedExperiment:
         """The experiment's file, and those of its controllers, loop functions and own models."""
         experiment, loop = self.experiment, self.experiment.loop_functions
         sources = {path for spec in experiment.controllers for path in spec.sources}
-        models = {body.model.file for body in experiment.bodies}
+        models = {model.file for model in experiment.models.values()}
         sources |= {file for file in models if file.parent != MODELS_FOLDER}
         return {experiment.path, *sources, *(() if loop is None else (loop.path,))}
 

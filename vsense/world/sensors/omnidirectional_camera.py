@@ -142,7 +142,7 @@ def _lamps(world: World) -> Floats:
     places = np.zeros((*world.led_colors.shape[:2], 3))
     for row, tag in zip(places, world.robots["tag"].tolist()):
         lamps_m = world.models.get(tag, EPUCK).lamps_m
-        row[: len(lamps_m)] = lamps_m
+        row[: len(lamps_m)] = lamps_m[: len(row)]  # loop functions may put in larger, dark ones
     return places
 
 

@@ -27,15 +27,17 @@ const WORDS = 4;
 export function drawStrangers({ brush, view, store, style, body, height }) {
   for (const robot of store.world?.entities ?? []) {
     if (robot.kind !== "robot") continue;
-    const shape = { centre: /** @type {Point} */ ([robot.x_m, robot.y_m]), radius: body };
+    // Recordings of 1.2 and before have no bodies: theirs were e-pucks.
+    const { radius_m: radius = body, height_m: top = height } = robot;
+    const shape = { centre: /** @type {Point} */ ([robot.x_m, robot.y_m]), radius };
     brush.fill(shape, 0, style.stranger, 0.35);
     if (view.flat) {
-      drawBody(brush, [robot.x_m, robot.y_m, 0], robot.yaw_rad, body, style.stranger, false);
+      drawBody(brush, [robot.x_m, robot.y_m, 0], robot.yaw_rad, radius, style.stranger, false);
       continue;
     }
-    brush.fill(shape, height, style.stranger, 0.35);
-    drawEdges(brush, shape, 0, height, style.stranger, 1.3);
-    drawHeading(brush, [robot.x_m, robot.y_m, height], robot.yaw_rad, body, style.stranger, 2);
+    brush.fill(shape, top, style.stranger, 0.35);
+    drawEdges(brush, shape, 0, top, style.stranger, 1.3);
+    drawHeading(brush, [robot.x_m, robot.y_m, top], robot.yaw_rad, radius, style.stranger, 2);
   }
 }
 

@@ -169,6 +169,7 @@ interface VirtualRobot {
   kind: "robot";
   id: string;
   tag: number; x_m: number; y_m: number; yaw_rad: number;
+  model?: string; radius_m?: number; height_m?: number;
 }
 
 /** `/signals`. */
