@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -231,6 +232,27 @@ CAMERA = (
     '<colored_blob_omnidirectional_camera implementation="rot_z_only" medium="leds" '
     'noise_std_dev="0.1" />'
 )
+
+
+@pytest.mark.parametrize(
+    ("robot", "device", "words"),
+    [
+        ("foot-bot", "epuck_proximity", "reads 8 sensors.*footbot has 24: expected <proximity>"),
+        ("foot-bot", "epuck_light", "reads 8 sensors.*footbot has 24: expected <light>"),
+        ("pipuck", "footbot_proximity", "pipuck has rangefinders: expected <pipuck_rangefinders>"),
+    ],
+)
+def test_an_element_for_other_sensors_than_a_model_has_is_refused(
+    loaded: Read, robot: str, device: str, words: str
+) -> None:
+    """A controller would read the first eight of 24, or distances for proximity."""
+    text = FOOT_BOTS.replace("CAMERA", "").replace("foot-bot", robot)
+    text = re.sub("<footbot_(proximity|light) [^>]*>", "", text)
+    text = text.replace(
+        "<sensors>", f'<sensors><{device} implementation="default" noise_level="0.1" />'
+    )
+    with pytest.raises(ConfigError, match=words):
+        loaded(text, Stage.SIM)
 
 
 @pytest.mark.parametrize("stage", [Stage.SIM, Stage.LAB])

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from vsense.base.errors import ConfigError, UsageError
 from vsense.base.native import lib
-from vsense.base.xml.element import Document, Element, shown
+from vsense.base.xml.element import Element, shown
 from vsense.config import argos, geofence
 from vsense.config._distribute import OBJECT_ELEMENT, DistributedCrowd, DistributedSpec
 from vsense.config._things import Media, read_place
@@ -154,7 +154,7 @@ def _read_model(element: Element, bodies: ArenaContents) -> RobotModel:
         raise element.error(str(error), "vs:model") from None
 
 
-def check_masses(arena: Element, bodies: ArenaContents) -> None:
+def _check_masses(arena: Element, bodies: ArenaContents) -> None:
     """Refuses bodies whose masses differ too much: contacts of the heavy ones would not be resolved
     where light ones touch each other."""
     there: list[RobotSpec | ObjectSpec | VirtualRobot] = [*bodies.robots, *bodies.objects]
@@ -334,8 +334,11 @@ def _read_pose(element: Element, bodies: ArenaContents) -> Pose:
     return Pose(x_m, y_m, place.yaw_rad)
 
 
-def check_markers(bodies: ArenaContents, marker: MarkerSpec, document: Document) -> None:
-    """Refuses tags that the family does not have; warns of models whose markers sit elsewhere."""
+def check_bodies(arena: Element, bodies: ArenaContents, marker: MarkerSpec) -> None:
+    """Refuses masses that do not go together, and tags that the family does not have; warns of
+    models whose markers sit elsewhere."""
+    _check_masses(arena, bodies)
+    document = arena.document
     tags = load_family(marker.family).tags
     tagged: list[RobotSpec | ObjectSpec] = [*bodies.robots, *bodies.objects]
     for body in tagged:

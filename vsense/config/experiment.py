@@ -16,7 +16,7 @@ from vsense.base.xml.parsing import parse
 from vsense.config import _programs, argos, policies
 from vsense.config._framework import collect, read_loop_functions, read_rest, read_run, read_tracker
 from vsense.config._population import cast, populate
-from vsense.config._robots import ArenaContents, check_markers, check_masses, check_models
+from vsense.config._robots import ArenaContents, check_bodies, check_models
 from vsense.config._settings import apply, check_used
 from vsense.config._things import Media, by_id, read_media
 from vsense.config.arena import read_arena
@@ -157,12 +157,11 @@ def _read_understood(
     if not bodies.robots:
         raise arena.error(_no_robot(root, arena))
     cast(bodies, marker.family, casting, root.document.file)
-    check_masses(arena, bodies)
     geofence = bodies.read_geofence(arena, serves.is_sim, casting.replaced)
     scope = _scope(bodies, round(run.length_s * run.ticks_per_second), loop_functions)
     controllers = _read_controllers(root, bodies, scope, media, serves, geofence)
     _check_objects(bodies, scope)
-    check_markers(bodies, marker, root.document)
+    check_bodies(arena, bodies, marker)
     return Experiment(
         name=path.name.removesuffix(ARGOS_SUFFIX),
         file=root.document.file,

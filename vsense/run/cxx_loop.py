@@ -203,9 +203,8 @@ class CxxLoopFunctions:
         self._names = [robot.id for robot in experiment.robots]
         places = [robot.pose or (0.0, 0.0, 0.0) for robot in experiment.robots]
         self._starts: Floats = np.array(places, dtype=np.float64).reshape(-1, 3)
-        virtual = experiment.virtual_robots
-        self._sent = names = [*self._names, *(robot.id for robot in virtual)]
-        poses = np.array([(robot.x_m, robot.y_m, robot.yaw_rad) for robot in virtual])
+        self._sent = names = [*self._names, *(robot.id for robot in experiment.virtual_robots)]
+        poses = np.array([(r.x_m, r.y_m, r.yaw_rad) for r in experiment.virtual_robots])
         rows = np.concatenate([self._starts, poses.reshape(-1, 3)])
         self.is_alive = self._answers = True
         self._call("world", [*self._world(), "\t".join(("robots", *names))], _NO_NUMBERS)
@@ -227,9 +226,8 @@ class CxxLoopFunctions:
             f"moves\t{int(self._moves)}",
             _line("arena", "", *arena.size_m, *arena.centre_m).replace("\t\t", "\t"),
         ]
-        models = {robot.id: robot.model.name for robot in experiment.robots}
-        models |= {robot.id: robot.model.name for robot in experiment.virtual_robots}
-        lines += [f"model\t{name}\t{model}" for name, model in models.items()]
+        lines += [f"model\t{robot.id}\t{robot.model.name}" for robot in experiment.robots]
+        lines += [f"model\t{robot.id}\t{robot.model.name}" for robot in experiment.virtual_robots]
         return [*lines, *(line for e in experiment.entities if (line := _described(e)))]
 
     def _rows(self, world: World) -> Floats:

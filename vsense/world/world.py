@@ -136,13 +136,11 @@ class World:
         self.real_robots = len(self._robots)
         self.sources = tuple(sources)
         self.arena, self.timestep_s, self.controllers = arena, timestep_s, controllers
-        self._real_models = self.models = models
+        self._given_models = self.models = models
+        self._lamps = max(len(model.lamps_m) for model in (EPUCK, *models.values()))
         self.params: dict[str, str] = {}
         self.fields = by_id(fields, timestep_s)
         self._inventory, self._seed = Inventory(entities), seed
-        virtual = (robot.model for robot in self._inventory.of(VirtualRobot))
-        there = (EPUCK, *models.values(), *virtual)
-        self._lamps = max(len(model.lamps_m) for model in there)
         self._first_floor = floor if floor is not None else Floor()
         self.reset()
 
@@ -373,7 +371,7 @@ class World:
     def _settle_bodies(self) -> None:
         before = self._robots["tag"].tolist()
         virtual = self._inventory.of(VirtualRobot)
-        self.models = {**self._real_models, **{robot.tag: robot.model for robot in virtual}}
+        self.models = {**self._given_models, **{robot.tag: robot.model for robot in virtual}}
         rows = standing(virtual, self.capture_ns)
         self._robots = np.concatenate([self._robots[: self.real_robots], rows])
         self.sightings = LastSightings(self._robots, self.real_robots, self._objects)

@@ -15,7 +15,7 @@ from vsense.base.native import check, kernel_ffi, kernels
 from vsense.base.xml.element import Element
 from vsense.world.fields import Floor
 from vsense.world.rays import MovingBodies
-from vsense.world.robot_models import EPUCK, InfraredModel
+from vsense.world.robot_models import EPUCK, InfraredModel, RobotModel
 from vsense.world.sensors.base import ReadFunction, Readings, Robots
 from vsense.world.sensors.quality import Floats
 from vsense.world.world import World
@@ -71,6 +71,19 @@ class Ring:
 
     def __len__(self) -> int:
         return len(self.angles_rad)
+
+
+_READINGS = {"epuck": (8,), "footbot": (24, 8)}
+"""How many sensors ARGoS's elements of these names read; of an e-puck's a foot-bot's are made."""
+
+
+def check_readings(element: Element, model: RobotModel, seat: InfraredModel) -> None:
+    """Refuses an element of ARGoS for other sensors than a model has at `seat`."""
+    kind, _, device = element.name.partition("_")
+    counts, count = _READINGS.get(kind, ()), len(seat.angles_rad)
+    if counts and count not in counts:
+        words = f"reads {counts[0]} sensors, and a robot of the model {model.name} has {count}"
+        raise element.error(f"{words}: expected <{device}>, which reads them all")
 
 
 class SensedScene:

@@ -41,6 +41,7 @@ from vsense.world.sensors.base import ReadFunction, Readings, Robots, Scope
 from vsense.world.sensors.geometry import (
     NEAREST_M,
     Ring,
+    check_readings,
     field_of_view,
     read_in_c,
 )
@@ -157,6 +158,7 @@ def from_xml(element: Element, scope: Scope) -> LightSensor:
 def from_argos(element: Element, scope: Scope) -> LightSensor:
     """Makes the sensor that one of ARGoS's elements asks for."""
     seat = scope.robots.model.infrared
+    check_readings(element, scope.robots.model, seat)
     ring = Ring.of(seat)
     return LightSensor(
         formula="generic" if element.name == "light" else "epuck",

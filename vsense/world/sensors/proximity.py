@@ -48,12 +48,12 @@ from vsense.world.entities import Box, Cylinder
 from vsense.world.rays import Bodies, disc_rows, entity_rows
 from vsense.world.robot_models import EPUCK, InfraredModel
 from vsense.world.sensors.base import ReadFunction, Readings, Robots, Scope
-from vsense.world.sensors.geometry import Ring, read_in_c
+from vsense.world.sensors.geometry import Ring, check_readings, read_in_c
 from vsense.world.sensors.quality import Scale
 from vsense.world.world import World
 
 ELEMENTS = ("virtual_proximity_sensor",)
-_RANGEFINDERS = "pipuck_rangefinders"
+_RANGEFINDERS, _DISTANCE = "pipuck_rangefinders", CURVES[3]
 ARGOS_ELEMENTS = ("epuck_proximity", "footbot_proximity", "proximity", _RANGEFINDERS)
 ARGOS_NOISE = ("noise_level",)
 
@@ -179,6 +179,10 @@ def from_argos(element: Element, scope: Scope) -> ProximitySensor:
     """Makes the sensor that one of ARGoS's elements asks for."""
     model, far = scope.robots.model, element.name == _RANGEFINDERS
     seat = model.generic if element.name == "proximity" else model.infrared
+    if seat.curve == _DISTANCE and not far:
+        words = f"a robot of the model {model.name} has rangefinders: expected <{_RANGEFINDERS}>"
+        raise element.error(f"{words}, or <proximity>")
+    check_readings(element, model, seat)
     ring = Ring.of(seat)
     return ProximitySensor(
         ring=ring,
