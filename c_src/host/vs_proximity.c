@@ -27,6 +27,16 @@ static double respond_as_foot_bot(double distance_m)
     return distance_m < 0.009889556 ? 1.0 : 0.0100527 / (distance_m + 0.000163144);
 }
 
+/* Source: argos3-kheperaiv 235eaa1, kheperaiv_proximity_default_sensor.cpp */
+static double respond_as_khepera(double distance_m)
+{
+    double curve = 4.14 * vs_libm_exp(-33.0 * distance_m) - 0.085;
+
+    if (distance_m < 0.04)
+        return 1.0;
+    return distance_m > 0.12 ? 0.0 : vs_least(vs_most(curve, 0.0), 1.0);
+}
+
 /* What a ring reads at a distance, which is infinite where nothing is. */
 static double reading_at(const struct vs_proximity_ring *ring, double distance_m)
 {
@@ -37,6 +47,8 @@ static double reading_at(const struct vs_proximity_ring *ring, double distance_m
         return respond_as_foot_bot(distance_m);
     case VS_CURVE_DISTANCE:
         return distance_m < INFINITY ? distance_m : ring->range_m;
+    case VS_CURVE_KHEPERA:
+        return respond_as_khepera(distance_m);
     default:
         return respond(distance_m * ring->share);
     }

@@ -10,7 +10,13 @@
 #include "vs_scene.h"
 
 /* How a sensor responds to a distance. */
-enum vs_proximity_curve { VS_CURVE_EPUCK, VS_CURVE_GENERIC, VS_CURVE_FOOTBOT, VS_CURVE_DISTANCE };
+enum vs_proximity_curve {
+    VS_CURVE_EPUCK,
+    VS_CURVE_GENERIC,
+    VS_CURVE_FOOTBOT,
+    VS_CURVE_DISTANCE,
+    VS_CURVE_KHEPERA
+};
 
 /* What is the same for all robots; world/sensors/proximity.py says what the curves are. */
 struct vs_proximity_ring {

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: MIT */
 /*
  * rings.hpp - sensors around the body and below it: proximity, light and ground, of the e-puck, of
- * any robot, and of the foot-bot, whose 24 are made of 8 where the robot is an e-puck.
+ * any robot, of the Khepera IV, and of the foot-bot, whose 24 are made of 8 where the robot is an e-puck.
  */
 #ifndef VS_ARGOS_RINGS_HPP
 #define VS_ARGOS_RINGS_HPP
@@ -116,6 +116,21 @@ public:
     {
         for (size_t i = 0; i < this->m_tReadings.size(); ++i)
             this->m_tReadings[i].Angle = CRadians(ARGOS_PI / 12.0 * (i + 0.5)).SignedNormalize();
+    }
+};
+
+/* Evenly spaced from straight ahead. */
+class CCI_KheperaIVProximitySensor : public VsRingSensor<VS_PROXIMITY, 8>
+{
+public:
+    CCI_KheperaIVProximitySensor()
+    {
+        for (size_t i = 0; i < m_tReadings.size(); ++i)
+            m_tReadings[i].Angle = CRadians(ARGOS_PI / 4.0 * i).SignedNormalize();
+    }
+    static const char *VsNameOf(const std::string &element)
+    {
+        return element == "kheperaiv_proximity" ? "proximity" : nullptr;
     }
 };
 

@@ -10,8 +10,8 @@ namespace argos {
 
 namespace {
 
-/* Sources: footbot_entity.cpp, dynamics2d_pipuck_model.cpp. */
-const Real FOOTBOT_RADIUS = 0.085036758f, PIPUCK_RADIUS = 0.0362f;
+/* Sources: footbot_entity.cpp, dynamics2d_pipuck_model.cpp, kheperaiv_measures.cpp. */
+const Real FOOTBOT_RADIUS = 0.085036758f, PIPUCK_RADIUS = 0.0362f, KHEPERA_RADIUS = 0.0704;
 
 template <typename ROBOT> VsRobotEntity *Added(ROBOT *robot)
 {
@@ -67,6 +67,11 @@ CFootBotEntity::CFootBotEntity(const std::string &id, const std::string &,
 {
 }
 
+CKheperaIVEntity::CKheperaIVEntity(const std::string &id)
+    : VsRobotEntity(id, CVector3(), CQuaternion(), KHEPERA_RADIUS, 3)
+{
+}
+
 CPiPuckEntity::CPiPuckEntity(const std::string &id)
     : VsRobotEntity(id, CVector3(), CQuaternion(), PIPUCK_RADIUS, 8 + 2)
 {
@@ -76,6 +81,8 @@ VsRobotEntity *VsAddRobot(const std::string &id, const std::string &model)
 {
     if (model == "footbot")
         return Added(new CFootBotEntity(id, ""));
+    if (model == "kheperaiv")
+        return Added(new CKheperaIVEntity(id));
     if (model == "pipuck")
         return Added(new CPiPuckEntity(id));
     return Added(new CEPuckEntity(id, ""));

@@ -55,6 +55,14 @@ public:
     std::string GetTypeDescription() const override { return "foot-bot"; }
 };
 
+class CKheperaIVEntity : public VsRobotEntity
+{
+public:
+    explicit CKheperaIVEntity(const std::string &id);
+
+    std::string GetTypeDescription() const override { return "kheperaiv"; }
+};
+
 class CPiPuckEntity : public VsRobotEntity
 {
 public:

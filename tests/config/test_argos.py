@@ -21,7 +21,10 @@ FILES = {
         55,
         "<arena>: holds no real robot, expected <e-puck>; it has <light> ",
     ),
-    "eyebot_flocking": (45, "this file has 10 <eye-bot>: driven here are e-pucks, foot-bots and "),
+    "eyebot_flocking": (
+        45,
+        "this file has 10 <eye-bot>: driven here are e-pucks, foot-bots, Khepera IVs and ",
+    ),
 }
 """Those that are refused: in which line, and how the words begin."""
 

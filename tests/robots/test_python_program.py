@@ -123,6 +123,7 @@ MISTAKES = [
     (f"{SWARM} swarm.set_leds(1.5)", 3, "1.5: expected LEDs, whole numbers of 0 to 1023"),
     (f"{SWARM} swarm.set_leds(1024)", 3, "1024: expected LEDs"),
     (f"{SWARM} swarm.set_leds_of(0, -1)", 3, "-1: expected LEDs, a whole number of 0 to 1023"),
+    (f"{SWARM} swarm.set_leds_of(0, swarm.tags[0] > 0)", 3, "expected LEDs, a whole number"),
     (f"{SWARM} swarm.log(0, 7); raise SystemExit(3)", 3, "SystemExit: 3"),
     (f"{SWARM} swarm.log(int(swarm.tags[0]) + 50, 'x')", 3, "in swarm.tags, 0 to 14"),
     (f"{SWARM} swarm.sensor('proximity').values[0] = 1", 3, "read-only"),

@@ -23,7 +23,7 @@ from vsense.config.specs import (
     Pose,
     RobotSpec,
     Stage,
-)  # fmt: skip
+)
 from vsense.vision.markers.families import load_family
 from vsense.world.entities import VIRTUAL_TAG_MIN, Arena, Entity, VirtualRobot
 from vsense.world.robot_models import EPUCK, RobotModel, model_of

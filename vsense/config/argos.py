@@ -26,17 +26,20 @@ from vsense.world.robot_models import EPUCK
 from vsense.world.sensors.base import Scope
 from vsense.world.sensors.quality import NOISES
 
-ROBOTS = {"e-puck": "epuck", "foot-bot": "footbot", "pi-puck": "pipuck", "pipuck": "pipuck"}
+ROBOTS = {
+    "e-puck": "epuck", "foot-bot": "footbot", "kheperaiv": "kheperaiv", "pi-puck": "pipuck",
+    "pipuck": "pipuck",
+}  # fmt: skip
 """Elements that are robots here, and their models unless `vs:model` says another one."""
 DISTRIBUTE = "distribute"
 
-_OTHER_ROBOT = "driven here are e-pucks, foot-bots and Pi-Pucks"
+_OTHER_ROBOT = "driven here are e-pucks, foot-bots, Khepera IVs and Pi-Pucks"
 _VIRTUAL_CAMERA = "the robots have none; <epuck_omnidirectional_camera> sees LEDs"
 _VIRTUAL_MESSAGES = "the robots have none; <virtual_range_and_bearing_{}> gives them one"
 _MISSING = "the robots have none: a controller that asks for it finds nothing"
 
 ENTITIES = {
-    **dict.fromkeys(("eye-bot", "kheperaiv", "kilobot", "spiri"), _OTHER_ROBOT),
+    **dict.fromkeys(("eye-bot", "kilobot", "spiri"), _OTHER_ROBOT),
     "camera_wall": "the cameras are those of the tracker",
     "gripper": "nothing is gripped here",
     "prototype": "only boxes and cylinders stand here",
@@ -125,7 +128,8 @@ OWN_DEVICES: dict[str, dict[str, OwnDevice]] = {
         ),
         **dict.fromkeys(("epuck_light", "footbot_light", "light"), OwnDevice("light")),
         **dict.fromkeys(
-            ("epuck_proximity", "footbot_proximity", "proximity"), OwnDevice("proximity")
+            ("epuck_proximity", "footbot_proximity", "kheperaiv_proximity", "proximity"),
+            OwnDevice("proximity"),
         ),
         **dict.fromkeys(
             ("epuck_range_and_bearing", "range_and_bearing"),
@@ -148,7 +152,7 @@ BOARD_HINT = f"is the robot's own, where it has that board; {_INSTEAD} makes it 
 VIRTUAL_ONLY = f"the robots have none; {_INSTEAD} gives them one"
 """Said of devices of ARGoS that are not mounted as virtual ones."""
 
-PROXIMITY_SENSORS = ("epuck_proximity", "footbot_proximity", "proximity")
+PROXIMITY_SENSORS = ("epuck_proximity", "footbot_proximity", "kheperaiv_proximity", "proximity")
 """Devices for which the robots' own ring is as good, except where it is simulated with noise."""
 
 STEERING_NOISE = {
@@ -182,8 +186,9 @@ MISSING: dict[str, dict[str, str]] = {
         ),
         **dict.fromkeys(
             ("eyebot_light", "eyebot_proximity", "footbot_distance_scanner", "footbot_gripper",
-             "footbot_turret_encoder", "footbot_wheel_speed", "pipuck_imu", "radios",
-             "simple_radios"),
+             "footbot_turret_encoder", "footbot_wheel_speed", "kheperaiv_camera",
+             "kheperaiv_encoder", "kheperaiv_ground", "kheperaiv_lidar", "kheperaiv_light",
+             "kheperaiv_ultrasound", "pipuck_imu", "radios", "simple_radios"),
             _MISSING,
         ),
     },
@@ -191,8 +196,8 @@ MISSING: dict[str, dict[str, str]] = {
         "epuck_ircom": _VIRTUAL_MESSAGES.format("actuator"),
         **dict.fromkeys(
             ("footbot_beacon", "footbot_distance_scanner", "footbot_gripper", "footbot_turret",
-             "gripper", "magnets", "quadrotor_position", "quadrotor_speed", "radios",
-             "simple_radios"),
+             "gripper", "kheperaiv_gripper", "magnets", "quadrotor_position", "quadrotor_speed",
+             "radios", "simple_radios"),
             _MISSING,
         ),
     },

@@ -130,6 +130,7 @@ SENSORS = {
     "footbot_motor_ground": SensorKind("ground", "below", "motor_ground", 4, _sides(_MOTOR)),
     "footbot_proximity": SensorKind("proximity", "ring", "proximity", 24, _around(_near)),
     "ground": SensorKind("ground", "numbers", "ground", 0, _sides([_RIGHT, _CENTER, _LEFT], 8)),
+    "kheperaiv_proximity": SensorKind("proximity", "even_ring", "proximity", 8, _near),
     "light": SensorKind("light", "numbers", "light", 0, _ring),
     "pipuck_differential_drive": SensorKind("wheels", "driven", "differential_drive", 4),
     "pipuck_ground": SensorKind("ground", "reflected", "ground_sensors", 3),

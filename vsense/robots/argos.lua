@@ -304,6 +304,16 @@ local function ring(name, number)
    return with_value(all)
 end
 
+-- Evenly spaced from straight ahead, signed.
+local function even_ring(name, number)
+   local all = part(name)
+   for i = 1, number do
+      local angle = 2.0 * math.pi * (i - 1) / number
+      all[i] = {angle = angle > math.pi and angle - 2.0 * math.pi or angle}
+   end
+   return with_value(all)
+end
+
 local OFFSETS = {
    motor_ground = {6.3, 1.16, -6.3, 1.16, -6.3, -1.16, 6.3, -1.16},
    base_ground = {8.0, 0.0, 4.2, 6.5, 0.0, 8.0, -4.2, 6.5, -8.0, 0.0, -4.2, -6.5, 0.0, -8.0, 4.2,
@@ -349,7 +359,7 @@ local function data(v, at, size)
    return bytes
 end
 
-local BUILD = {numbers = numbers, ring = ring, below = below}
+local BUILD = {numbers = numbers, ring = ring, even_ring = even_ring, below = below}
 
 function BUILD.ground(name) return fields(name, {"left", "center", "right"}) end
 function BUILD.charge(name) return fields(name, {"value"}) end

@@ -25,7 +25,6 @@ Nothing here blocks.
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Iterable, Mapping, Sequence
 from enum import IntFlag
 from typing import Any
@@ -304,11 +303,8 @@ class Swarm:
 
     def set_leds_of(self, robot: int, leds: int) -> None:
         """The same of one robot, by its place."""
-        try:
-            known = 0 <= operator.index(leds) <= _ALL_LEDS
-        except TypeError:
-            known = False
-        if not known:
+        # numpy's bool is no index.
+        if not isinstance(leds, (int, np.integer)) or not 0 <= leds <= _ALL_LEDS:
             raise ValueError(f"{leds!r}: expected LEDs, a whole number of 0 to {_ALL_LEDS}")
         self._leds[robot], self._leds_set[robot] = leds, True
 

@@ -14,7 +14,7 @@ from typing import Any
 from vsense.base.native import kernels
 from vsense.base.toml import Reader, TomlFile, integer, matching, real
 
-CURVES = ("epuck", "generic", "foot-bot", "distance")
+CURVES = ("epuck", "generic", "foot-bot", "distance", "kheperaiv")
 """How infrared sensors respond; the numbers of `enum vs_proximity_curve`."""
 
 

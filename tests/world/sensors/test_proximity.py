@@ -12,9 +12,10 @@ import pytest
 from tests.world.sensors.scenes import STEP_NS, Place, element, mount, read, sensor, world_of
 from vsense.base.errors import ConfigError
 from vsense.world.entities import VIRTUAL_TAG_MIN, Box, Cylinder, VirtualRobot
+from vsense.world.robot_models import model_of
 from vsense.world.sensors import proximity
 from vsense.world.sensors.bank import SensorBank
-from vsense.world.sensors.base import Scope
+from vsense.world.sensors.base import RobotSettings, Scope
 
 ONE_LINE = 'vs:ring="4" vs:field_of_view="0"'
 
@@ -190,3 +191,24 @@ def test_robots_that_touch_read_what_argos_reads(
     for ours, theirs in zip(readings, (one_reads, other_reads)):
         in_argos_order = np.array(ours[::-1]) / proximity.ARGOS_FULL
         assert in_argos_order == pytest.approx(theirs, abs=1e-4)  # poses are rounded to 1e-6 m
+
+
+@pytest.mark.parametrize("gap_m", [0.03, 0.0401, 0.06, 0.085, 0.119, 0.121])
+@pytest.mark.parametrize("yaw_deg", [0.0, 20.0, 45.0])
+def test_a_khepera_reads_the_curve_of_its_plug_in(gap_m: float, yaw_deg: float) -> None:
+    """argos3-kheperaiv 235eaa1, kheperaiv_proximity_default_sensor.cpp: worked out by hand."""
+
+    def reading(away_rad: float) -> float:
+        along_m = (0.0704 + gap_m) / math.cos(away_rad) - 0.0704
+        if abs(away_rad) >= math.pi / 2.0 or along_m > 0.12:
+            return 0.0
+        return 1.0 if along_m < 0.04 else min(max(4.14 * math.exp(-33.0 * along_m) - 0.085, 0), 1)
+
+    scope = Scope({}, 0, robots=RobotSettings.of(model_of("kheperaiv")))
+    device = proximity.from_argos(element("<kheperaiv_proximity />"), scope)
+    ahead = Box("wall", (0.0704 + gap_m + 0.01, 0.0, 0.0), (0.02, 9.0, 0.1))
+    (ours,) = read(device, {1: (0.0, 0.0, math.radians(yaw_deg))}, [ahead])
+    # ARGoS counts counter-clockwise from straight ahead.
+    away = [math.remainder(math.radians(yaw_deg + 45.0 * i), 2.0 * math.pi) for i in range(8)]
+    in_argos_order = np.array(ours[::-1]) / proximity.ARGOS_FULL
+    assert in_argos_order == pytest.approx([reading(rad) for rad in away], abs=1e-6)

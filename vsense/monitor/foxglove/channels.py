@@ -242,12 +242,13 @@ class Channels:
             rows = [row for row, which in enumerate(images["camera"]) if which == place]
             own = {name: [column[row] for row in rows] for name, column in images.items()}
             data = _pictures.marks(
-                *(self._cameras[camera], own, self._names, self._heights_of(own["tag"])),
-                *(
-                    self._radii_m,
-                    self._shown.get(camera, ShownScale()),
-                    message.time_ns + self._shift_ns,
-                ),
+                self._cameras[camera],
+                own,
+                self._names,
+                self._heights_of(own["tag"]),
+                self._radii_m,
+                self._shown.get(camera, ShownScale()),
+                message.time_ns + self._shift_ns,
             )
             yield self._derived_message(topic, message, data)
 

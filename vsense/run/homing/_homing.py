@@ -31,7 +31,7 @@ from vsense.run.homing.robots import (
     Traveller,
     Trouble,
     apart_m,
-)  # fmt: skip
+)
 from vsense.world.robot_models import EPUCK, RobotModel
 
 Floats = NDArray[np.float64]

@@ -147,10 +147,10 @@ class Physics:
             np.asarray(rows, dtype=np.float64).reshape(-1, 3)
             for rows in (robots, objects, cylinders)
         )
-        count = len(driving)
-        tagged = count + len(standing)
+        count, tagged = len(driving), len(driving) + len(standing)
         self.bodies = np.concatenate([driving, standing, posts])
-        self.bodies[tagged:, 2], self.poses = 0.0, self.bodies[:tagged]
+        self.bodies[tagged:, 2] = 0.0
+        self.poses = self.bodies[:tagged]
         self.models = [*models, *[EPUCK] * (tagged - len(models))]
         radii_m = [*(model.radius_m for model in self.models), *posts[:, 2]]
         reach_m = max([0.0, *(model.reach_m for model in self.models[:count])])

@@ -73,7 +73,7 @@ class Ring:
         return len(self.angles_rad)
 
 
-_READINGS = {"epuck": (8,), "footbot": (24, 8)}
+_READINGS = {"epuck": (8,), "footbot": (24, 8), "kheperaiv": (8,)}
 """How many sensors ARGoS's elements of these names read; of an e-puck's a foot-bot's are made."""
 
 

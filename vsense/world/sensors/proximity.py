@@ -21,7 +21,8 @@ stretches the curve.
 
 ARGoS's `<epuck_proximity>`, mounted where the robots have no ring of their own, gives the same,
 times 4096, in the real robot's order, from ARGoS's places, and so does `<footbot_proximity>`. A
-foot-bot has 24, whose curve is 0.0100527 / (d + 0.000163144), 1 below d = 0.009889556. Of the
+foot-bot has 24, whose curve is 0.0100527 / (d + 0.000163144), 1 below d = 0.009889556. A Khepera
+IV's `<kheperaiv_proximity>` gives 4.14 exp(-33 d) - 0.085 up to d = 0.12, 1 below 0.04. Of the
 generic `<proximity>`, which ARGoS's own e-puck has, a thing at distance d gives exp(-d), and its
 sensors see 0.1 m far from the body's edge. A Pi-Puck's `<pipuck_rangefinders>`, sensor
 "rangefinders", gives the distance [m] itself, and 0.1 where nothing is. The other e-puck's stand
@@ -54,7 +55,9 @@ from vsense.world.world import World
 
 ELEMENTS = ("virtual_proximity_sensor",)
 _RANGEFINDERS, _DISTANCE = "pipuck_rangefinders", CURVES[3]
-ARGOS_ELEMENTS = ("epuck_proximity", "footbot_proximity", "proximity", _RANGEFINDERS)
+ARGOS_ELEMENTS = (
+    "epuck_proximity", "footbot_proximity", "kheperaiv_proximity", "proximity", _RANGEFINDERS,
+)  # fmt: skip
 ARGOS_NOISE = ("noise_level",)
 
 MAX_RAW = 4095.0
