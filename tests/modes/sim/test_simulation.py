@@ -170,7 +170,7 @@ def test_robots_of_several_models_share_an_arena(tmp_path: Path) -> None:
     assert {model.name for model in models} == {"big", "epuck"}
     predators = sum(model.name == "big" for model in models)
     said = f"big: {predators} robots, radius 0.2 m, marker at 0.06 m, 0.166 m/s at most"
-    assert said in describe(mixed) and "model" not in describe(load("predator_prey"))
+    assert said in describe(mixed) and "marker at" not in describe(load("predator_prey"))
     kept = files_of(mixed)
     assert own in kept and MODELS_FOLDER / "epuck.toml" not in kept, "it is made again from them"
     run = Simulation(mixed, libraries_of(mixed), 1)
