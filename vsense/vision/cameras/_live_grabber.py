@@ -193,7 +193,7 @@ class LiveGrabber:
         oldest_ns = self._oldest_ns()
         taken = {c: camera.pop() for c, camera in self._cameras.items()}
         return [
-            Frame(c, t.image, self._timestep, t.capture_ns, t.ready_ns)
+            Frame(c, t.image, self._timestep, t.capture_ns, t.ready_ns, found=t.found)
             for c, t in taken.items()
             if t is not None and t.capture_ns >= oldest_ns
         ]

@@ -9,19 +9,23 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from vsense.base.errors import ConfigError
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.cameras.source import FREE, Controls, GenicamSettings
 from vsense.vision.tracking.mask import Mask, MaskError
+from vsense.vision.tracking.node_session import NodeNetwork
 
 DIRECTORY = "directory"
 VIDEO = "video"
 CAMERA = "camera"
 GENICAM = "genicam"
+NODE = "node"
+NODE_RECORDING = "node_recording"
 CAMERA_TYPES = (CAMERA, GENICAM)
-GRABBER_TYPES = (DIRECTORY, VIDEO, *CAMERA_TYPES)
+NODE_TYPES = (NODE, NODE_RECORDING)
+GRABBER_TYPES = (DIRECTORY, VIDEO, *CAMERA_TYPES, *NODE_TYPES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +39,8 @@ class GrabberSpec:
         frame_rate_hz: pictures per second, of a recording without timestamps or wanted of a
             camera; None: what the video or the camera says itself.
         start_s: when the first picture of a recording without timestamps was taken.
-        settings: what a camera is asked for; None: it is a recording.
+        settings: what a camera is asked for; None: it is a recording, or on another computer.
+        node: the other computer that has it, where `source` is the grabber's id; "": it is here.
     """
 
     id: str
@@ -46,6 +51,7 @@ class GrabberSpec:
     start_s: float
     settings: Controls | GenicamSettings | None
     line: int
+    node: str = ""
 
     @classmethod
     def of_camera(
@@ -58,7 +64,7 @@ class GrabberSpec:
     @property
     def is_live(self) -> bool:
         """Whether it is a camera and no recording."""
-        return self.type in CAMERA_TYPES
+        return self.type in (*CAMERA_TYPES, NODE)
 
     @property
     def controls(self) -> Controls:
@@ -107,16 +113,34 @@ class CameraSpec:
 
 @dataclass(frozen=True, slots=True)
 class Resources:
-    """All that a resources file declares, by id."""
+    """All that a resources file declares, by id; `network` is that of cameras' nodes."""
 
     file: str
     grabbers: Mapping[str, GrabberSpec]
     trackers: Mapping[str, TrackerSpec]
     cameras: Mapping[str, CameraSpec]
+    network: NodeNetwork | None = None
 
     def error(self, line: int, message: str) -> ConfigError:
         """Makes the error that something in this file is wrong."""
         return ConfigError(self.file, line, message)
+
+
+class CameraView(Protocol):
+    """A picture source, and the calibrated camera that it is."""
+
+    @property
+    def grabber(self) -> GrabberSpec: ...
+
+    @property
+    def camera(self) -> Camera: ...
+
+
+class PlainView(NamedTuple):
+    """A view of which nothing else is known."""
+
+    grabber: GrabberSpec
+    camera: Camera
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,405 @@
+"""A node: looks at its cameras' pictures for a tracker on another computer.
+
+Its resources file says which cameras and recordings it has. All else, what to look for and how the
+cameras are calibrated, comes from the tracker, so nothing has to be the same in two places. Pixels
+stay here, but for coarse previews.
+"""
+
+from __future__ import annotations
+
+import json
+import queue
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Any
+
+import cv2
+import numpy as np
+
+from vsense.base.arena import UNLISTED, Found, Frame
+from vsense.base.errors import GrabberError, VsenseError, instead
+from vsense.base.files import parse_json
+from vsense.vision.cameras._opencv_source import teach_opencv
+from vsense.vision.cameras._recorded_grabber import CameraRecording, wrong_size
+from vsense.vision.cameras.grabber import CameraEvent, Grabber
+from vsense.vision.cameras.health import Health
+from vsense.vision.cameras.picture import Image, PictureError
+from vsense.vision.tracking._detector import CameraDetectors
+from vsense.vision.tracking._node_link import EVENT_KINDS, families_of
+from vsense.vision.tracking._node_rows import (
+    NODE_FORMAT,
+    Expectation,
+    NodeError,
+    SeenPicture,
+    SeenRows,
+    decode_expectation,
+    encode_rows,
+)
+from vsense.vision.tracking._prediction import Prediction
+from vsense.vision.tracking._workers import Picture, Workers
+from vsense.vision.tracking.camera_tracking import CHECK_NS
+from vsense.vision.tracking.node_session import (
+    NodeNetwork,
+    node_key,
+    open_network,
+    put,
+    refuse,
+    reply,
+)
+from vsense.vision.tracking.opening import live_grabber, open_recording
+from vsense.vision.tracking.recorded_tracker import seen_by
+from vsense.vision.tracking.specs import GrabberSpec, PlainView, Resources
+
+POLL_S = 0.2
+HOLD_NS = 2_000_000_000
+"""A tracker that was heard so lately keeps its node; another one waits."""
+IDLE_NS = 30_000_000_000
+"""A tracker that says nothing for so long is gone."""
+PREVIEW_NS = 1_000_000_000
+PREVIEW_PX, _QUALITY = 405, 60
+_KEPT = 8
+_READERS = 2
+
+
+class NodeService:
+    """What a node does for one tracker: pictures in, what is in them out.
+
+    Attributes:
+        tracker, session: The tracker's numbers.
+        grabber: Of live cameras; None: recordings, whose pictures are asked for.
+        heard_ns: When the tracker was heard last.
+        expectation: The newest.
+    """
+
+    def __init__(
+        self, setup: dict[str, Any], resources: Resources, clock: Callable[[], int]
+    ) -> None:
+        """Opens what a tracker asks for.
+
+        VsenseError where that is not here; KeyError, TypeError, ValueError, AttributeError where
+        it is not asked as trackers do.
+        """
+        if setup["format"] != NODE_FORMAT:
+            raise NodeError(
+                f"the tracker's format is {setup['format']}, this is {NODE_FORMAT}: expected the"
+                " same vsense on both computers"
+            )
+        self.tracker, self.session = int(setup["tracker"]), int(setup["session"])
+        self.cameras, searches, plan = seen_by(setup["tracking"])
+        self.heard_ns, self.expectation_ns = clock(), 0
+        self.expectation: Expectation | None = None
+        self._families = families_of(searches)
+        self._clock, self._prediction = clock, Prediction(plan)
+        self._recordings: list[CameraRecording] = []
+        self._images: list[OrderedDict[int, Image]] = [OrderedDict() for _ in self.cameras]
+        self._reading = [threading.Lock() for _ in self.cameras]
+        self._checked_ns = -CHECK_NS
+        heights_m = {tag: h for search in searches for tag, h in search.heights_m.items()}
+        self._health = Health(self.cameras, heights_m)
+        self._workers = Workers(2)
+        sees = {c.id: search for c, search in zip(self.cameras, searches, strict=True)}
+        self._detector = CameraDetectors(sees, self._prediction, self._workers)
+        self.grabber: Grabber | None = None
+        self._open(setup, resources)
+
+    def _open(self, setup: dict[str, Any], resources: Resources) -> None:
+        """Opens cameras or recordings; raises as `__init__`."""
+        specs = [_named(str(id), resources) for id in setup["grabbers"]]
+        live = bool(setup["live"])
+        for spec in specs:
+            if spec.node or spec.is_live != live:
+                kinds = ("recording", "camera")
+                there, wanted = kinds[spec.is_live], kinds[live]
+                raise VsenseError(f"{spec.id!r} is a {there} here, expected a {wanted}")
+        if live:
+            views = [PlainView(spec, camera) for spec, camera in zip(specs, self.cameras)]
+            sizes_px = {c.id: (c.width_px, c.height_px) for c in self.cameras}
+            self.grabber = live_grabber(resources, views, sizes_px, self._clock)
+        else:
+            self._recordings = [open_recording(resources, spec) for spec in specs]
+
+    def answer(self) -> bytes:
+        """What the tracker is told when it has begun."""
+        if self.grabber is not None:
+            return b"{}"
+        taken = [[(t.picture, t.timestep, t.capture_ns) for t in r.taken] for r in self._recordings]
+        return json.dumps({"taken": taken}).encode()
+
+    def read(self, number: int, place: int) -> Image:
+        """Reads a recording's picture; PictureError where it cannot be used."""
+        kept, camera = self._images[number], self.cameras[number]
+        with self._reading[number]:
+            if place not in kept:
+                image = self._recordings[number].read(place)
+                if image.shape != (camera.height_px, camera.width_px):
+                    raise PictureError(wrong_size(image, (camera.width_px, camera.height_px)))
+                kept[place] = image
+            kept.move_to_end(place)
+            while len(kept) > _KEPT:
+                kept.popitem(last=False)
+            return kept[place]
+
+    def preview(self, image: Image) -> bytes:
+        """Returns a coarse JPEG of a picture (h, w)."""
+        height, width = image.shape
+        size = (PREVIEW_PX, max(round(height * PREVIEW_PX / width), 1))
+        small = cv2.resize(image, size, interpolation=cv2.INTER_AREA) if width > size[0] else image
+        return cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
+
+    def look(self, frames: Sequence[Frame], capture_ns: int) -> list[Found]:
+        """Looks for what the newest expectation says; `capture_ns` is by the tracker's clock."""
+        prediction = self._prediction
+        if self.expectation is not None:
+            self._learn(self.expectation)
+        prediction.foresee(capture_ns)
+        by_id = {camera.id: camera for camera in self.cameras}
+        detected = self._detector.detect_all([Picture(f.image, by_id[f.camera]) for f in frames])
+        found = []
+        for frame, (rows, full) in zip(frames, detected, strict=True):
+            there = prediction.unlisted.get(frame.camera)
+            unlisted = np.zeros(0 if there is None else len(there.tags), dtype=UNLISTED)
+            if there is not None:
+                unlisted["tag"] = there.tags
+                unlisted["x_m"], unlisted["y_m"] = there.places.T
+            found.append(Found(rows, full, unlisted))
+        return found
+
+    def _learn(self, expectation: Expectation) -> None:
+        """Takes over what the tracker knows; IndexError: of what this session does not have."""
+        prediction, tags = self._prediction, expectation.known["tag"].tolist()
+        prediction.known = expectation.known
+        prediction.heights_m = dict(zip(tags, expectation.heights_m.tolist(), strict=True))
+        prediction.is_key_frame = expectation.is_key_frame
+        for number, (turn, _) in expectation.turns.items():
+            prediction.turns[self.cameras[number].id] = turn
+        joined: dict[str, tuple[int, ...]] = {}
+        for number, tag, _ in expectation.joined:
+            joined.setdefault(self._families[number], ())
+            joined[self._families[number]] += (tag,)
+        prediction.joined = joined
+
+    def troubles(
+        self, frames: Sequence[Frame], found: Sequence[Found], all_of_them: bool
+    ) -> list[CameraEvent]:
+        """What happens to the cameras, as far as pictures show it; checked as a tracker does."""
+        events = [] if self.grabber is None else self.grabber.events()
+        now_ns = max((frame.capture_ns for frame in frames), default=0)
+        if frames and (all_of_them or now_ns - self._checked_ns >= CHECK_NS):
+            self._checked_ns = now_ns
+            seen = {frame.camera: rows for frame, (rows, *_) in zip(frames, found)}
+            events += self._health.update(frames, seen)
+        return [event for event in events if event.kind in EVENT_KINDS]
+
+    def number_of(self, camera: str) -> int:
+        """The number of a camera in this session."""
+        return [known.id for known in self.cameras].index(camera)
+
+    def close(self) -> None:
+        """Closes cameras and recordings."""
+        if self.grabber is not None:
+            self.grabber.close()
+        for recording in self._recordings:
+            recording.close()
+        self._workers.close()
+
+
+class CameraNode:
+    """A node, which serves one tracker after the other."""
+
+    def __init__(
+        self,
+        resources: Resources,
+        network: NodeNetwork,
+        name: str,
+        clock: Callable[[], int],
+        say: Callable[[str], None],
+    ) -> None:
+        """Opens the network.
+
+        Args:
+            resources: What it has.
+            name: What the tracker's resources file calls it.
+            clock: The host's monotonic clock [ns].
+            say: Takes a line for a person; any thread.
+
+        Raises:
+            UsageError, VsenseError: Zenoh is missing, or does not begin.
+        """
+        teach_opencv()
+        cv2.setNumThreads(1)
+        self._resources, self._clock, self._say = resources, clock, say
+        self._key = partial(node_key, network.arena, name)
+        self._service: NodeService | None = None
+        self._queries: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._number, self._previewed_ns = 0, -PREVIEW_NS
+        self._readers = ThreadPoolExecutor(_READERS, "reading")
+        self._looking = ThreadPoolExecutor(1, "looking")
+        self._zenoh = session = open_network(network)
+        self._declared = [
+            session.declare_queryable(self._key("open"), self._queries.put),
+            session.declare_queryable(self._key("read"), self._submit(self._readers, self._read)),
+            session.declare_queryable(self._key("detect"), self._submit(self._looking, self._look)),
+            session.declare_subscriber(self._key("expect"), self._expect),
+            session.declare_subscriber(self._key("leave"), self._leave),
+            session.liveliness().declare_token(self._key("here")),
+        ]
+
+    def run(self, ended: threading.Event) -> None:
+        """Serves trackers until `ended`."""
+        while not ended.is_set():
+            service = self._service
+            if service is not None and self._clock() - service.heard_ns > IDLE_NS:
+                self._say("the tracker is gone: waiting for the next one")
+                self._drop()
+                service = None
+            live = service is not None and service.grabber is not None
+            try:
+                self._open(self._queries.get(timeout=0.0 if live else POLL_S))
+                continue
+            except queue.Empty:
+                pass
+            if live and service is not None:
+                self._serve(service)
+
+    def close(self) -> None:
+        """Leaves the network and lets the cameras go."""
+        self._zenoh.close()
+        self._readers.shutdown(cancel_futures=True)
+        self._looking.shutdown(cancel_futures=True)
+        self._drop()
+
+    def _open(self, query: Any) -> None:
+        """Begins to serve a tracker; refuses while another one is served."""
+        present = self._service
+        try:
+            setup = parse_json(query.payload.to_bytes().decode())
+            held = present is not None and self._clock() - present.heard_ns < HOLD_NS
+            if held and present is not None and present.tracker != setup["tracker"]:
+                raise VsenseError("serves another tracker")
+            self._drop()
+            self._service = NodeService(setup, self._resources, self._clock)
+        except VsenseError as error:
+            refuse(query, str(error))
+            return
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            refuse(query, f"asked for what is no setup of a tracker: {error!r}")
+            return
+        names = ", ".join(camera.id for camera in self._service.cameras)
+        self._say(f"looks for a tracker: {names}")
+        reply(query, self._service.answer())
+
+    def _drop(self) -> None:
+        service, self._service = self._service, None
+        if service is not None:
+            service.close()
+
+    def _serve(self, service: NodeService) -> None:
+        """Waits for a timestep's pictures, looks at them and says what is there."""
+        assert service.grabber is not None
+        frames: Sequence[Frame] = ()
+        try:
+            frames = service.grabber.next(POLL_S)
+        except GrabberError:
+            self._tell(service, service.troubles((), (), False))
+            return
+        offset_ns = 0 if service.expectation is None else service.expectation.offset_ns
+        newest_ns = max(frame.capture_ns for frame in frames)
+        found = service.look(frames, newest_ns - offset_ns)
+        self._number += 1
+        put(self._zenoh, self._key("rows"), self._rows(service, self._number, frames, found))
+        self._tell(service, service.troubles(frames, found, False))
+        if self._clock() - self._previewed_ns >= PREVIEW_NS:
+            self._previewed_ns = self._clock()
+            for frame in frames:
+                key = self._key(f"preview/{service.number_of(frame.camera)}")
+                put(self._zenoh, key, service.preview(frame.image), urgent=False)
+
+    def _rows(
+        self, service: NodeService, number: int, frames: Sequence[Frame], found: Sequence[Found]
+    ) -> bytes:
+        now_ns, newest = self._clock(), service.expectation
+        pictures = [
+            SeenPicture(service.number_of(f.camera), f.capture_ns, f.ready_ns, seen)
+            for f, seen in zip(frames, found, strict=True)
+        ]
+        echo_ns = 0 if newest is None else newest.sent_ns
+        held_ns = now_ns - service.expectation_ns
+        return encode_rows(SeenRows(service.session, number, now_ns, echo_ns, held_ns, pictures))
+
+    def _tell(self, service: NodeService, events: Sequence[CameraEvent]) -> None:
+        for event in events:
+            self._say(str(event))
+        if events:
+            rows = [[service.number_of(e.camera), e.kind, e.text] for e in events]
+            put(self._zenoh, self._key("events"), json.dumps([service.session, rows]).encode())
+
+    def _expect(self, sample: Any) -> None:
+        """Takes an expectation that is newer than the last; a thread of Zenoh's."""
+        service, now_ns = self._service, self._clock()
+        try:
+            expectation = decode_expectation(sample.payload.to_bytes())
+        except NodeError as error:
+            self._say(f"refused {error}")
+            return
+        if service is None or expectation.session != service.session:
+            return
+        newest = service.expectation
+        if newest is None or expectation.number > newest.number:
+            service.expectation, service.expectation_ns = expectation, now_ns
+            service.heard_ns = now_ns
+
+    def _leave(self, sample: Any) -> None:
+        """The tracker has ended; a thread of Zenoh's."""
+        service = self._service
+        if service is not None and sample.payload.to_bytes() == str(service.session).encode():
+            service.heard_ns -= IDLE_NS
+
+    def _submit(
+        self, threads: ThreadPoolExecutor, work: Callable[[NodeService, bytes], bytes]
+    ) -> Callable[[Any], object]:
+        """Returns what has threads answer questions of the tracker that is served."""
+
+        def answer(query: Any) -> None:
+            service = self._service
+            try:
+                if service is None:
+                    raise VsenseError("serves no tracker")
+                service.heard_ns = self._clock()
+                data = work(service, query.payload.to_bytes())
+            except VsenseError as error:
+                refuse(query, str(error))
+            except (KeyError, TypeError, ValueError, IndexError) as error:
+                refuse(query, f"asked for what it does not have: {error!r}")
+            else:
+                reply(query, data)
+
+        return lambda query: threads.submit(answer, query)
+
+    def _read(self, service: NodeService, question: bytes) -> bytes:
+        session, number, place = (int(n) for n in parse_json(question.decode()))
+        if session != service.session:
+            raise VsenseError("asked in another session")
+        return service.preview(service.read(number, place))
+
+    def _look(self, service: NodeService, question: bytes) -> bytes:
+        expectation = decode_expectation(question)
+        if expectation.session != service.session:
+            raise VsenseError("asked in another session")
+        service.expectation, service.expectation_ns = expectation, self._clock()
+        now_ns, frames = expectation.capture_ns, []
+        for number, (_, place) in expectation.turns.items():
+            image, camera = service.read(number, place), service.cameras[number].id
+            frames.append(Frame(camera, image, 0, now_ns, now_ns, place))
+        found = service.look(frames, now_ns)
+        self._tell(service, service.troubles(frames, found, True))
+        return self._rows(service, expectation.number, frames, found)
+
+
+def _named(id: str, resources: Resources) -> GrabberSpec:
+    """The grabber of an id; VsenseError: there is none."""
+    if id not in resources.grabbers:
+        raise VsenseError(f"has no <grabber> {id!r}; {instead(id, resources.grabbers)}")
+    return resources.grabbers[id]
