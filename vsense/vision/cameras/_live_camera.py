@@ -113,6 +113,12 @@ class LiveCamera:
         taken, self.newest = self.newest, None
         return taken
 
+    def leave_out_until(self, capture_ns: int) -> None:
+        """Leaves out a picture that was taken before; to be called with `news` held."""
+        if self.newest is not None and self.newest.capture_ns < capture_ns:
+            self.newest = None
+            self._leave_out("comes after its timestep is done: what it shows is left out")
+
     def _read_picture(self) -> bool:
         """Waits for one picture and checks it; returns whether the camera stays open."""
         try:

@@ -37,7 +37,7 @@ from vsense.vision.tracking._prediction import MarkerSearch, Prediction
 from vsense.vision.tracking.node_session import answer_of, ask, node_key, put
 from vsense.vision.tracking.recorded_tracker import Description, seen_by
 
-CONNECT_S = 1.0
+CONNECT_S = 2.0
 """A node answers within this time, or is asked again."""
 AGAIN_NS = 300_000_000
 LATE_NS = 25_000_000
@@ -176,7 +176,9 @@ class NodeLink:
             # A node's own clock begins anew with it.
             self.clock, self._newest_rows, self.session = NodeClock(), -1, session
             self._asked_ns, self.heard_ns = 0, self._now()
-            return answer
+        if self.live:
+            self._greet()
+        return answer
 
     def ask(self, part: str, question: bytes, timeout_s: float) -> Any:
         """Asks for a part of what it has; see `answer_of`."""
@@ -264,6 +266,10 @@ class NodeLink:
         if self.session:
             put(self._zenoh, self.key("leave"), str(self.session).encode(), urgent=False)
 
+    def _greet(self) -> None:
+        """Says what time it is; the rows that answer that date themselves and all later ones."""
+        self.say("expect", self.expectation(Prediction(), 0, True, {}))
+
     def _take_rows(self, sample: Any) -> None:
         """Takes a message of rows; a thread of Zenoh's."""
         now_ns, data = self._now(), sample.payload.to_bytes()
@@ -280,7 +286,9 @@ class NodeLink:
             raise NodeError("rows that came before")
         self.clock.sample(seen, now_ns)
         estimate = self.clock.estimate(now_ns)
-        if estimate is not None:
+        if estimate is None:
+            self._greet()
+        else:
             offset_ns, bound_ns = estimate
             arrived = {
                 picture.camera: self._dated(picture.capture_ns - offset_ns, bound_ns, now_ns)

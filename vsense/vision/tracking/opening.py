@@ -215,7 +215,9 @@ def live_grabber(
     if triggers == {SOFTWARE}:
         triggered = {c: s for c, s in sources.items() if isinstance(s, GenicamSource)}
         trigger = SoftwareTrigger(triggered, rate_hz, clock)
-    return LiveGrabber(sources, sizes_px, clock, rates_hz, 0.5 / rate_hz, trigger)
+    in_order = nodes is not None
+    together_s = 0.5 / rate_hz
+    return LiveGrabber(sources, sizes_px, clock, rates_hz, together_s, trigger, in_order=in_order)
 
 
 def _check(resources: Resources, views: Sequence[CameraView], links: NetworkLoad) -> None:
