@@ -1,8 +1,8 @@
 """`vsense camera node` whose cameras are folders of pictures, played for ever.
 
-Run as a program, with the options of `vsense camera node` behind its own. Pictures come forwards and
-backwards, one every period, dated by multiples of it: the players of one machine are in step, as
-cameras that are triggered together.
+Run as a program, with options of its own and those of `vsense camera node`. Pictures come forwards
+and backwards, one every period, dated by multiples of it: the players of one machine are in step,
+as cameras that are triggered together.
 """
 
 from __future__ import annotations
@@ -47,7 +47,9 @@ class LoopPlayer:
         for camera, paths in self._paths.items():
             order = [*range(len(paths)), *range(len(paths) - 2, 0, -1)]
             image = self._read(paths[order[turn % len(order)]])
-            frames.append(Frame(camera, image, turn, CLOCK(turn * self._period_ns), CLOCK(host_ns())))
+            frames.append(
+                Frame(camera, image, turn, CLOCK(turn * self._period_ns), CLOCK(host_ns()))
+            )
         return frames
 
     def _read(self, path: Path) -> np.ndarray:

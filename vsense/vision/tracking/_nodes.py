@@ -23,7 +23,7 @@ from vsense.vision.cameras._recordings import CaptureTime
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.cameras.grabber import CameraEvent
 from vsense.vision.cameras.picture import Image, LatePicture, PictureError
-from vsense.vision.cameras.source import FIRST_S, Shot, Source, silence_s
+from vsense.vision.cameras.source import Shot, Source, silence_s
 from vsense.vision.tracking._detector import Detector
 from vsense.vision.tracking._joining import UnlistedTags
 from vsense.vision.tracking._node_link import NodeLink
@@ -42,7 +42,7 @@ from vsense.vision.tracking.specs import CameraTrackerSpec, CameraView, Tracking
 
 ANSWER_S = 10.0
 """A node has this time to come at the start, and to answer a question about a recording."""
-_ASK_AGAIN_S = 0.4
+_ASK_AGAIN_S, _ASKED_AGAIN = 0.4, 4
 
 
 class Nodes:
@@ -174,20 +174,23 @@ class NodeSource:
 
     def open(self) -> list[str]:
         """See `Source.open`."""
-        try:
-            self._link.connect()
-        except VsenseError as error:
-            raise GrabberError(str(error)) from None
+        if not self._link.session:
+            self._connect()
         self._first = True
         return []
 
     def read(self) -> Shot:
         """See `Source.read`."""
         link, number = self._link, self._number
-        patience_s = max(FIRST_S, self._silence_s) if self._first else self._silence_s
-        arrived = link.wait(number, patience_s)
+        arrived = link.wait(number, self._silence_s)
+        for _ in range(_ASKED_AGAIN if self._first and arrived is None else 0):
+            # It may have been cut off, and go on by itself; or begin anew, and has to be asked.
+            self._connect()
+            arrived = link.wait(number, _ASK_AGAIN_S)
+            if arrived is not None:
+                break
         if arrived is None:
-            raise GrabberError(f"node {link.name} silent for {patience_s:g} s")
+            raise GrabberError(f"node {link.name} silent for {self._silence_s:g} s")
         self._first = False
         if arrived.late_ns:
             raise LatePicture(
@@ -199,6 +202,12 @@ class NodeSource:
 
     def close(self) -> None:
         """Does nothing: the node's other cameras go on."""
+
+    def _connect(self) -> None:
+        try:
+            self._link.connect()
+        except VsenseError as error:
+            raise GrabberError(str(error)) from None
 
 
 class NodeRecording:

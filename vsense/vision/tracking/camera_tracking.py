@@ -44,6 +44,7 @@ class CameraTracking:
     Attributes:
         record: takes the pictures that the tracker is about to be given, in the thread of `next`.
         troubles: what the cameras suffer from.
+        nodes: other computers, which have some of the cameras; None: none has.
     """
 
     def __init__(
@@ -71,7 +72,7 @@ class CameraTracking:
         self.troubles = troubles or Troubles()
         self._say = say
         self._check_all = check_all
-        self._nodes = nodes
+        self.nodes = nodes
         elsewhere = frozenset[str]() if nodes is None else nodes.cameras
         self._health = Health(tracker.cameras, tracker.heights_m, elsewhere)
         self._markers = MarkerWatch(tracker.cameras, tracker.heights_m)
@@ -175,12 +176,12 @@ class CameraTracking:
         """Ends a `next` that waits, lets the cameras go, ends the workers; can be called again."""
         self.grabber.close()
         self.tracker.close()
-        if self._nodes is not None:
-            self._nodes.close()
+        if self.nodes is not None:
+            self.nodes.close()
 
     def _events(self) -> list[CameraEvent]:
         """What grabber and nodes have to say of the cameras."""
-        return self.grabber.events() + ([] if self._nodes is None else self._nodes.events())
+        return self.grabber.events() + ([] if self.nodes is None else self.nodes.events())
 
     def _unusable(self) -> str:
         """Says that no picture could be used, and what was wrong with them."""

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import json
 import re
+import resource
 import threading
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,9 +23,12 @@ from vsense.base.errors import UsageError, VsenseError
 
 OPEN_S = 10.0
 """A session that takes longer is not to be had: Zenoh can wait for memory for ever."""
+NEEDED_BYTES = 640 << 20
+"""Of addresses: Zenoh's threads reserve them, and use a fortieth part."""
 LEASE_MS = 1000
 """A connection that is silent for so long is over, and made again."""
-RETRY_MS = 250
+OPENING_MS, RETRY_MS = 750, 100
+"""An attempt to connect is given up, and made again: the system's own attempts grow rarer."""
 
 _ENDPOINT = re.compile(r"(tcp|tls|quic|udp)/(\S+):(\d{1,5})")
 NODE_NAME = re.compile(r"[A-Za-z0-9_.-]{1,64}")
@@ -72,10 +76,17 @@ class NodeNetwork:
 def open_network(network: NodeNetwork) -> Any:
     """Opens a session of Zenoh's; raises UsageError or VsenseError, which say what is wrong."""
     require_zenoh()
-    import zenoh
-
+    try:
+        import zenoh
+    except ImportError as error:
+        raise VsenseError(f"Zenoh cannot be loaded: {error}") from None
     config = _config(zenoh, network)
     where = ", ".join((*network.listen, *network.connect))
+    if (left := _memory_left()) < NEEDED_BYTES:
+        raise VsenseError(
+            f"{where}: Zenoh does not begin: the limit of memory (ulimit -v) leaves"
+            f" {left >> 20} MB, expected at least {NEEDED_BYTES >> 20} MB"
+        )
     answer: list[Any] = []
 
     def work() -> None:
@@ -85,13 +96,25 @@ def open_network(network: NodeNetwork) -> Any:
             answer.append(error)
 
     thread = threading.Thread(target=work, name="zenoh", daemon=True)
-    thread.start()
+    try:
+        thread.start()
+    except RuntimeError as error:
+        raise VsenseError(f"{where}: Zenoh does not begin: {error}") from None
     thread.join(OPEN_S)
     if not answer:
         raise VsenseError(f"{where}: Zenoh has not begun in {OPEN_S:g} s: is memory left?")
     if isinstance(answer[0], BaseException):
         raise VsenseError(f"{where}: Zenoh does not begin: {_reason(answer[0])}")
     return answer[0]
+
+
+def _memory_left() -> int:
+    """Bytes that this process may add; where memory ends meanwhile, Zenoh ends the process."""
+    most, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if most == resource.RLIM_INFINITY:
+        return NEEDED_BYTES
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    return max(most - pages * resource.getpagesize(), 0)
 
 
 def _config(zenoh: Any, network: NodeNetwork) -> Any:
@@ -108,6 +131,7 @@ def _config(zenoh: Any, network: NodeNetwork) -> Any:
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "transport/link/tx/lease": LEASE_MS,
+        "transport/unicast/open_timeout": OPENING_MS,
         "transport/shared_memory/enabled": False,
     }
     for way, addresses in (("listen", network.listen), ("connect", network.connect)):
