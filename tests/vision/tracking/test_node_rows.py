@@ -61,17 +61,28 @@ def test_rows_come_as_they_went() -> None:
         assert one.found.unlisted.tobytes() == other.found.unlisted.tobytes()
 
 
-def test_an_expectation_comes_as_it_went() -> None:
+@pytest.mark.parametrize("gone", [None, False, True])
+def test_an_expectation_comes_as_it_went(gone: bool | None) -> None:
     known = np.zeros(2, dtype=KNOWN)
     known["tag"], known["x_m"], known["velocity"][1] = (3, 31), (0.1, -0.7), (0.01, 0.02, 0.3)
     heights_m = np.array([0.06, 0.12])
     sent = Expectation(
-        SESSION, 9, 11, 12, -13, True, known, heights_m, {0: (5, 40), 1: (6, -1)}, [(1, 700, 0.06)]
+        SESSION,
+        9,
+        11,
+        12,
+        -13,
+        True,
+        gone,
+        known,
+        heights_m,
+        {0: (5, 40), 1: (6, -1)},
+        [(1, 700, 0.06)],
     )
     got = decode_expectation(encode_expectation(sent))
     assert got.known.tobytes() == known.tobytes()
     assert got.heights_m.tolist() == heights_m.tolist()
-    for name in ("session", "number", "sent_ns", "capture_ns", "offset_ns", "is_key_frame"):
+    for name in ("session", "number", "sent_ns", "capture_ns", "offset_ns", "is_key_frame", "gone"):
         assert getattr(got, name) == getattr(sent, name)
     assert (got.turns, list(got.joined)) == (sent.turns, list(sent.joined))
 

@@ -18,11 +18,13 @@ from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from vsense.base.arena import Found
 from vsense.base.errors import VsenseError
 from vsense.base.files import parse_json
 from vsense.base.native import ffi, lib
+from vsense.vision.cameras._camera_array import CameraArray
 from vsense.vision.cameras.grabber import CameraEvent
 from vsense.vision.cameras.picture import Image, PictureError, decode
 from vsense.vision.tracking._node_rows import (
@@ -34,6 +36,7 @@ from vsense.vision.tracking._node_rows import (
     encode_expectation,
 )
 from vsense.vision.tracking._prediction import MarkerSearch, Prediction
+from vsense.vision.tracking._rows import is_in
 from vsense.vision.tracking.node_session import answer_of, ask, node_key, put
 from vsense.vision.tracking.recorded_tracker import Description, seen_by
 
@@ -45,6 +48,8 @@ LATE_NS = 25_000_000
 AHEAD_NS = 5_000_000
 """A picture may be dated so far after it came, beyond what the clocks are known to."""
 OLD_NS = 2_000_000_000
+NEAR_M = 0.5
+"""A node is told of robots so far around what its cameras see of the floor."""
 _DELAYS = 20
 _MOST_EVENTS, _MOST_TEXT = 64, 300
 _MOST_PREVIEW_BYTES, _MOST_PREVIEW_PX = 1 << 20, 1 << 20
@@ -130,6 +135,7 @@ class NodeLink:
         self.name, self.live = name, live
         self.cameras, self.searches, _ = seen_by(data)
         self.counts: Counter[str] = Counter()
+        self._array = CameraArray(self.cameras)
         self.clock = NodeClock()
         self.session = self.number = 0
         self._zenoh, self._data, self._grabbers = session, data, list(grabbers)
@@ -196,8 +202,11 @@ class NodeLink:
         self.number += 1
         now_ns, heights_m = self._now(), prediction.heights_m
         estimate = None if capture_ns else self.clock.estimate(now_ns)
-        # Without its clock nobody knows where robots are when it takes its pictures.
-        known = prediction.known if capture_ns or estimate is not None else prediction.known[:0]
+        known, gone = prediction.known, None
+        if not capture_ns:
+            gone = not is_in(np.array(list(heights_m), dtype=np.int32), known["tag"]).all()
+            # Without its clock nobody knows where robots are when it takes its pictures.
+            known = known[self._near(known)] if estimate is not None else known[:0]
         return encode_expectation(
             Expectation(
                 session=self.session,
@@ -206,6 +215,7 @@ class NodeLink:
                 capture_ns=capture_ns,
                 offset_ns=0 if estimate is None else estimate[0],
                 is_key_frame=is_key,
+                gone=gone,
                 known=known,
                 heights_m=np.array([heights_m.get(tag, 0.0) for tag in known["tag"].tolist()]),
                 turns=turns,
@@ -216,6 +226,13 @@ class NodeLink:
                 ],
             )
         )
+
+    def _near(self, known: NDArray[np.void]) -> NDArray[np.bool_]:
+        """Tells which (n,) KNOWN robots may come into its pictures before they are lost."""
+        left, right, below, above = self._array.ground(0.0).T[..., np.newaxis]
+        inside = (known["x_m"] > left - NEAR_M) & (known["x_m"] < right + NEAR_M)
+        inside &= (known["y_m"] > below - NEAR_M) & (known["y_m"] < above + NEAR_M)
+        return np.asarray(inside.any(axis=0))
 
     def say(self, part: str, data: bytes) -> None:
         """Says something to the node that is worth nothing later; never waits."""

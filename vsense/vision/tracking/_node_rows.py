@@ -46,6 +46,7 @@ _HEAD = np.dtype(
     ]
 )
 _MAGIC = b"vsnd"
+_GONE = (None, False, True)
 _PICTURE = np.dtype(
     [
         ("camera", "<u2"),
@@ -77,7 +78,7 @@ class Expectation:
         capture_ns: Capture time of the pictures that it is for, by the tracker's clock; 0: those
             that come, dated by the node's.
         offset_ns: How far the node's clock is ahead of the tracker's.
-        is_key_frame: See `Prediction`.
+        is_key_frame, gone: See `Prediction`.
         known: KNOWN rows, and `heights_m` (n,) their markers'.
         turns: By the camera's number in the session, its turn (see `Prediction.turns`) and the
             place of its picture in its recording.
@@ -90,6 +91,7 @@ class Expectation:
     capture_ns: int
     offset_ns: int
     is_key_frame: bool
+    gone: bool | None
     known: NDArray[np.void]
     heights_m: NDArray[np.float64]
     turns: Mapping[int, tuple[int, int]]
@@ -142,18 +144,19 @@ def encode_expectation(expectation: Expectation) -> bytes:
     joined = np.array([tuple(row) for row in expectation.joined], dtype=_JOINED)
     head = _head(_EXPECT, expectation.session, expectation.number, expectation.sent_ns)
     head["first_ns"], head["second_ns"] = expectation.capture_ns, expectation.offset_ns
-    head["counts"] = (len(turns), len(known), len(joined), expectation.is_key_frame)
+    flags = 4 * expectation.is_key_frame + _GONE.index(expectation.gone)
+    head["counts"] = (len(turns), len(known), len(joined), flags)
     return b"".join(part.tobytes() for part in (head, turns, known, joined))
 
 
 def decode_expectation(data: bytes) -> Expectation:
     """Reads the message; raises NodeError."""
     head, rest = _opened(data, _EXPECT)
-    turns, known, joined, is_key = (int(count) for count in head["counts"])
+    turns, known, joined, flags = (int(count) for count in head["counts"])
     (turn_rows, known_rows, joined_rows), rest = _cut(
         rest, (_TURN, turns), (_KNOWN, known), (_JOINED, joined)
     )
-    if rest or is_key > 1:
+    if rest or flags not in (0, 1, 2, 4, 5, 6):
         raise NodeError("an expectation that does not end where it says")
     values = [known_rows[name] for name in ("x_m", "y_m", "yaw_rad", "velocity", "height_m")]
     if not all(np.isfinite(value).all() for value in (*values, joined_rows["height_m"])):
@@ -170,7 +173,8 @@ def decode_expectation(data: bytes) -> Expectation:
         sent_ns=int(head["sent_ns"]),
         capture_ns=int(head["first_ns"]),
         offset_ns=int(head["second_ns"]),
-        is_key_frame=bool(is_key),
+        is_key_frame=flags >= 4,
+        gone=_GONE[flags % 4],
         known=rows,
         heights_m=known_rows["height_m"].astype(np.float64),
         turns={int(r["camera"]): (int(r["turn"]), int(r["place"])) for r in turn_rows},

@@ -104,6 +104,8 @@ class Prediction:
         turns: By the camera's id, how many of its pictures were key frames, and its place among
             the cameras. Each counts its own: a slower one would else miss its turn each time.
         known: KNOWN, sorted by tag: what the next timestep is expected from.
+        gone: Whether a robot of the roster is nowhere to be expected, as another computer knows
+            it; None: as `expected` says.
         learned: Called when a timestep has been learned, and who has joined is known.
     """
 
@@ -117,6 +119,7 @@ class Prediction:
     joined: dict[str, tuple[int, ...]] = field(default_factory=dict)
     turns: dict[str, int] = field(default_factory=dict)
     known: NDArray[np.void] = field(default_factory=lambda: np.zeros(0, dtype=KNOWN))
+    gone: bool | None = None
     learned: Callable[[], None] = lambda: None
     _timesteps: int = 0
 

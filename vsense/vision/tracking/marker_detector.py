@@ -142,8 +142,10 @@ class MarkerDetector:
         if prediction.is_key_frame:
             ids = [camera.id for camera in self._cameras.cameras]
             turns = np.array([prediction.turns.get(id, 1) for id in ids], dtype=np.intp)
-            is_gone = ~is_in(self._roster, prediction.expected["tag"])
-            wanted = np.where((turns % _COVERED == 0) & is_gone.any(), len(self._roster), 0)
+            is_gone = prediction.gone
+            if is_gone is None:
+                is_gone = not is_in(self._roster, prediction.expected["tag"]).all()
+            wanted = np.where((turns % _COVERED == 0) & is_gone, len(self._roster), 0)
             quick = self._is_quick(prediction, expected, turns)
             markers = self._kernels.search(quick=quick, wanted=wanted)
             markers = self._believed(markers, expected)

@@ -43,6 +43,7 @@ from vsense.vision.tracking._workers import Picture, Workers
 from vsense.vision.tracking.camera_tracking import CHECK_NS
 from vsense.vision.tracking.node_session import (
     NodeNetwork,
+    is_connected,
     node_key,
     open_network,
     put,
@@ -54,6 +55,8 @@ from vsense.vision.tracking.recorded_tracker import seen_by
 from vsense.vision.tracking.specs import GrabberSpec, PlainView, Resources
 
 POLL_S = 0.2
+REACH_NS = 3_000_000_000
+"""A node that has reached nobody after this time says so, and goes on trying."""
 HOLD_NS = 2_000_000_000
 """A tracker that was heard so lately keeps its node; another one waits."""
 IDLE_NS = 30_000_000_000
@@ -172,7 +175,7 @@ class NodeService:
         prediction, tags = self._prediction, expectation.known["tag"].tolist()
         prediction.known = expectation.known
         prediction.heights_m = dict(zip(tags, expectation.heights_m.tolist(), strict=True))
-        prediction.is_key_frame = expectation.is_key_frame
+        prediction.is_key_frame, prediction.gone = expectation.is_key_frame, expectation.gone
         for number, (turn, _) in expectation.turns.items():
             prediction.turns[self.cameras[number].id] = turn
         joined: dict[str, tuple[int, ...]] = {}
@@ -249,8 +252,15 @@ class CameraNode:
 
     def run(self, ended: threading.Event) -> None:
         """Serves trackers until `ended`."""
+        begun_ns, told = self._clock(), False
         while not ended.is_set():
             service = self._service
+            if not told and self._clock() - begun_ns > REACH_NS:
+                told = True
+                if not is_connected(self._zenoh):
+                    self._say(
+                        "reaches nobody yet: is the tracker running, and are certificates its own?"
+                    )
             if service is not None and self._clock() - service.heard_ns > IDLE_NS:
                 self._say("the tracker is gone: waiting for the next one")
                 self._drop()

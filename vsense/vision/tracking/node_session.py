@@ -127,20 +127,20 @@ def _config(zenoh: Any, network: NodeNetwork) -> Any:
         text = f"{network.config}: no configuration of Zenoh's: {_reason(error)}"
         raise UsageError(text) from None
     settings: dict[str, object] = {
-        "mode": "peer" if network.listen else "client",
+        "mode": "peer",
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
+        "scouting/delay": 0,
         "transport/link/tx/lease": LEASE_MS,
         "transport/unicast/open_timeout": OPENING_MS,
         "transport/shared_memory/enabled": False,
     }
     for way, addresses in (("listen", network.listen), ("connect", network.connect)):
-        if addresses:
-            settings[f"{way}/endpoints"] = list(addresses)
+        settings[f"{way}/endpoints"] = list(addresses)
     if network.connect:
         retry = {"period_init_ms": RETRY_MS, "period_max_ms": RETRY_MS}
         settings["connect/retry"] = {**retry, "period_increase_factor": 1.0}
-        settings["connect/timeout_ms"] = -1
+        settings |= {"connect/timeout_ms": -1, "connect/exit_on_failure": False}
     try:
         for path, value in settings.items():
             config.insert_json5(path, json.dumps(value))
@@ -194,6 +194,11 @@ def answer_of(replies: Any, node: str) -> bytes:
     except Exception as error:
         raise VsenseError(f"node {node}: {_reason(error)}") from None
     raise VsenseError(f"node {node} is not there: is `vsense camera node` running?")
+
+
+def is_connected(session: Any) -> bool:
+    """Whether the other end, or a router, is there."""
+    return bool(session.info.peers_zid() or session.info.routers_zid())
 
 
 def reply(query: Any, data: bytes) -> None:
