@@ -16,6 +16,7 @@ from tests.vision.tracking.synthetic import Look, Robot, render
 from vsense.base.clock import host_ns
 from vsense.base.errors import ConfigError, UsageError, VsenseError
 from vsense.config import tracking_session
+from vsense.modes.live._sources import doubt_of_nodes
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import load_family
 from vsense.vision.tracking.opening import open_tracking
@@ -92,7 +93,7 @@ def test_a_recording_on_two_nodes_gives_every_bit_of_one_computer(files: Files) 
         states = tracked(central, experiment, told)
     assert states == expected and len(states) == TIMESTEPS
     assert max(len(state[5]) for state in states) == 1, "a robot has joined the roster"
-    assert any("cut off" in line for line in told) and len(told) == len(expected_told)
+    assert any("cut off" in line for line in told) and len(told) == 2 + len(expected_told)
 
 
 def opened(resources: Path, experiment: Path) -> None:
@@ -124,6 +125,17 @@ def test_a_port_that_another_has_ends_the_start(files: Files) -> None:
         central = central_file(resources, where, NODES, "node")
         with pytest.raises(VsenseError, match=f"{where}: Zenoh does not begin: .*in use"):
             opened(central, experiment)
+
+
+@pytest.mark.parametrize(
+    ("where", "doubts"),
+    [("tcp/0.0.0.0:7447", 1), ("tcp/127.0.0.1:7447", 0), ("tls/0.0.0.0:7447", 0)],
+)
+def test_who_could_be_a_node_is_said(files: Files, where: str, doubts: int) -> None:
+    resources, experiment = files(1)
+    session = tracking_session.load(central_file(resources, where, NODES, "node"), experiment)
+    assert bool(doubt_of_nodes(session)) == bool(doubts)
+    assert doubt_of_nodes(tracking_session.load(resources, experiment)) == ""
 
 
 @pytest.mark.parametrize(

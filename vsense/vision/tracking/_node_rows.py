@@ -1,17 +1,15 @@
 """What a tracker and the nodes of its cameras say to each other, as bytes.
 
-A node is the tracker's detector by wire. An expectation says where robots were seen last, so that
-the node can expect them when its pictures are taken; rows are what it has found there. Both are
-NumPy rows, little-endian, behind a head with a version. How they get there is Zenoh's.
-
-Whatever comes is looked at before it is used: bytes that are no message, or say what cannot be,
-raise `NodeError`.
+An expectation says where robots were seen last, so that a node can expect them when its pictures
+are taken; rows are what it has found there. Both are NumPy rows, little-endian, behind a head with
+a version. Whatever comes is looked at before it is used: what is no message, or says what cannot
+be, raises `NodeError`.
 """
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,38 +23,16 @@ from vsense.vision.tracking._prediction import KNOWN
 NODE_FORMAT = 1
 """Of all messages between nodes and trackers; both ends have the same."""
 MOST_ROWS = 4096
-"""Of one picture: more than a detector's tables hold."""
-MOST_CAMERAS = 256
+"""Of one kind in one picture: more than a detector's tables hold."""
 _MOST_TAG = 65_535
 _BESIDE_PX = 0.5
 """A marker's centre is in its picture, whose pixels reach so far around their middles."""
 
-_EXPECT, _ROWS = 1, 2
-_HEAD = np.dtype(
-    [
-        ("magic", "S4"),
-        ("version", "<u2"),
-        ("kind", "<u2"),
-        ("session", "<u8"),
-        ("number", "<u8"),
-        ("sent_ns", "<i8"),
-        ("first_ns", "<i8"),
-        ("second_ns", "<i8"),
-        ("counts", "<u2", (4,)),
-    ]
-)
-_MAGIC = b"vsnd"
+_MAGIC, _EXPECT, _ROWS = b"vsnd", 1, 2
+_HEAD = struct.Struct("<4sHHQQqqq4H")
+"""Magic, format, kind, session, number, when it was sent; two times, four counts of the kind's."""
 _GONE = (None, False, True)
-_PICTURE = np.dtype(
-    [
-        ("camera", "<u2"),
-        ("full", "u1"),
-        ("capture_ns", "<i8"),
-        ("ready_ns", "<i8"),
-        ("rows", "<u2"),
-        ("unlisted", "<u2"),
-    ]
-)
+_PICTURE = struct.Struct("<HBqqHH")
 _TURN = np.dtype([("camera", "<u2"), ("turn", "<u4"), ("place", "<i4")])
 _JOINED = np.dtype([("family", "<u2"), ("tag", "<i4"), ("height_m", "<f8")])
 _KNOWN = np.dtype([*KNOWN.newbyteorder("<").descr, ("height_m", "<f8")])
@@ -67,12 +43,11 @@ class NodeError(VsenseError):
     """A message between tracker and node that cannot be used."""
 
 
-@dataclass(frozen=True, slots=True)
-class Expectation:
+class Expectation(NamedTuple):
     """What a tracker lets a node know.
 
     Attributes:
-        session: Of the tracker, a number drawn at its start.
+        session: A number that is drawn when the node is opened.
         number: Of the expectation, rising.
         sent_ns: When it was sent, by the tracker's clock.
         capture_ns: Capture time of the pictures that it is for, by the tracker's clock; 0: those
@@ -99,11 +74,9 @@ class Expectation:
 
 
 class SeenPicture(NamedTuple):
-    """What a node has found in one picture.
+    """What a node has found in a picture of a camera, known by its number in the session.
 
-    Attributes:
-        camera: Its number in the session.
-        capture_ns, ready_ns: See `Frame`; by the node's clock.
+    `capture_ns` and `ready_ns` are the `Frame`'s, by the node's clock.
     """
 
     camera: int
@@ -112,16 +85,11 @@ class SeenPicture(NamedTuple):
     found: Found
 
 
-@dataclass(frozen=True, slots=True)
-class SeenRows:
-    """What a node has found in a timestep's pictures.
+class SeenRows(NamedTuple):
+    """What a node has found in a timestep's pictures; `number` rises.
 
-    Attributes:
-        session: Of the tracker that it is for.
-        number: Of the message, rising.
-        sent_ns: When it was sent, by the node's clock.
-        echo_ns: `sent_ns` of the newest expectation that the node has; 0: none.
-        held_ns: How long the node has had that one.
+    `sent_ns` is by the node's clock. `echo_ns` is that of the newest expectation that it has, which
+    it has had for `held_ns`; 0: it has none.
     """
 
     session: int
@@ -129,34 +97,31 @@ class SeenRows:
     sent_ns: int
     echo_ns: int
     held_ns: int
-    pictures: Sequence[SeenPicture] = field(default=())
+    pictures: Sequence[SeenPicture] = ()
 
 
-def encode_expectation(expectation: Expectation) -> bytes:
+def encode_expectation(it: Expectation) -> bytes:
     """Returns the message."""
-    turns = np.zeros(len(expectation.turns), dtype=_TURN)
-    for row, (camera, (turn, place)) in zip(turns, expectation.turns.items()):
-        row["camera"], row["turn"], row["place"] = camera, turn, place
-    known = np.zeros(len(expectation.known), dtype=_KNOWN)
+    turns = np.array([(camera, *pair) for camera, pair in it.turns.items()], dtype=_TURN)
+    joined = np.array([tuple(row) for row in it.joined], dtype=_JOINED)
+    known = np.zeros(len(it.known), dtype=_KNOWN)
     for name in KNOWN.names or ():
-        known[name] = expectation.known[name]
-    known["height_m"] = expectation.heights_m
-    joined = np.array([tuple(row) for row in expectation.joined], dtype=_JOINED)
-    head = _head(_EXPECT, expectation.session, expectation.number, expectation.sent_ns)
-    head["first_ns"], head["second_ns"] = expectation.capture_ns, expectation.offset_ns
-    flags = 4 * expectation.is_key_frame + _GONE.index(expectation.gone)
-    head["counts"] = (len(turns), len(known), len(joined), flags)
-    return b"".join(part.tobytes() for part in (head, turns, known, joined))
+        known[name] = it.known[name]
+    known["height_m"] = it.heights_m
+    counts = len(turns), len(known), len(joined), 4 * it.is_key_frame + _GONE.index(it.gone)
+    times = it.sent_ns, it.capture_ns, it.offset_ns
+    head = _HEAD.pack(_MAGIC, NODE_FORMAT, _EXPECT, it.session, it.number, *times, *counts)
+    return head + turns.tobytes() + known.tobytes() + joined.tobytes()
 
 
 def decode_expectation(data: bytes) -> Expectation:
     """Reads the message; raises NodeError."""
-    head, rest = _opened(data, _EXPECT)
-    turns, known, joined, flags = (int(count) for count in head["counts"])
-    (turn_rows, known_rows, joined_rows), rest = _cut(
-        rest, (_TURN, turns), (_KNOWN, known), (_JOINED, joined)
-    )
-    if rest or flags not in (0, 1, 2, 4, 5, 6):
+    head, place = _opened(data, _EXPECT)
+    session, number, sent_ns, capture_ns, offset_ns, turns, known, joined, flags = head
+    turn_rows, place = _cut(data, place, _TURN, turns)
+    known_rows, place = _cut(data, place, _KNOWN, known)
+    joined_rows, place = _cut(data, place, _JOINED, joined)
+    if place != len(data) or flags not in (0, 1, 2, 4, 5, 6):
         raise NodeError("an expectation that does not end where it says")
     values = [known_rows[name] for name in ("x_m", "y_m", "yaw_rad", "velocity", "height_m")]
     if not all(np.isfinite(value).all() for value in (*values, joined_rows["height_m"])):
@@ -167,75 +132,55 @@ def decode_expectation(data: bytes) -> Expectation:
     rows = np.zeros(known, dtype=KNOWN)
     for name in KNOWN.names or ():
         rows[name] = known_rows[name]
-    return Expectation(
-        session=int(head["session"]),
-        number=int(head["number"]),
-        sent_ns=int(head["sent_ns"]),
-        capture_ns=int(head["first_ns"]),
-        offset_ns=int(head["second_ns"]),
-        is_key_frame=flags >= 4,
-        gone=_GONE[flags % 4],
-        known=rows,
-        heights_m=known_rows["height_m"].astype(np.float64),
-        turns={int(r["camera"]): (int(r["turn"]), int(r["place"])) for r in turn_rows},
-        joined=[(int(f), int(tag), float(height)) for f, tag, height in joined_rows],
-    )
+    heights_m = known_rows["height_m"].astype(np.float64)
+    by_camera = {camera: (turn, at) for camera, turn, at in turn_rows.tolist()}
+    about = session, number, sent_ns, capture_ns, offset_ns, flags >= 4, _GONE[flags % 4]
+    return Expectation(*about, rows, heights_m, by_camera, joined_rows.tolist())
 
 
-def encode_rows(seen: SeenRows) -> bytes:
+def encode_rows(it: SeenRows) -> bytes:
     """Returns the message."""
-    head = _head(_ROWS, seen.session, seen.number, seen.sent_ns)
-    head["first_ns"], head["second_ns"] = seen.echo_ns, seen.held_ns
-    head["counts"][0] = len(seen.pictures)
-    pictures = np.zeros(len(seen.pictures), dtype=_PICTURE)
-    parts = [head, pictures]
-    for row, picture in zip(pictures, seen.pictures):
-        rows, full, unlisted = picture.found
-        row["camera"], row["full"] = picture.camera, full
-        row["capture_ns"], row["ready_ns"] = picture.capture_ns, picture.ready_ns
-        row["rows"], row["unlisted"] = len(rows), len(unlisted)
-        parts += [rows.astype(_DETECTION), unlisted]
-    return b"".join(part.tobytes() for part in parts)
+    head = it.session, it.number, it.sent_ns, it.echo_ns, it.held_ns
+    parts = [_HEAD.pack(_MAGIC, NODE_FORMAT, _ROWS, *head, len(it.pictures), 0, 0, 0)]
+    for camera, capture_ns, ready_ns, (rows, full, unlisted) in it.pictures:
+        sizes = len(rows), len(unlisted)
+        parts.append(_PICTURE.pack(camera, full, capture_ns, ready_ns, *sizes))
+        parts += [rows.astype(_DETECTION).tobytes(), unlisted.tobytes()]
+    return b"".join(parts)
 
 
 def decode_rows(data: bytes, session: int, cameras: Sequence[Camera]) -> SeenRows:
     """Reads the message of a node that has these cameras; raises NodeError."""
-    head, rest = _opened(data, _ROWS)
-    if int(head["session"]) != session:
+    head, place = _opened(data, _ROWS)
+    sent_for, number, sent_ns, echo_ns, held_ns, count, *_ = head
+    if sent_for != session:
         raise NodeError("rows of another session")
-    (heads,), rest = _cut(rest, (_PICTURE, int(head["counts"][0])))
-    pictures, numbers = [], heads["camera"].tolist()
-    if len(set(numbers)) < len(numbers) or max(numbers, default=-1) >= len(cameras):
-        raise NodeError("rows of a camera that the node does not have, or of one twice")
-    for row in heads:
-        (rows, unlisted), rest = _cut(
-            rest, (_DETECTION, int(row["rows"])), (UNLISTED, int(row["unlisted"]))
-        )
-        rows = rows.astype(DETECTION)
-        _check(rows, unlisted, cameras[int(row["camera"])])
-        found = Found(rows, bool(row["full"]), unlisted.copy())
-        capture_ns, ready_ns = int(row["capture_ns"]), int(row["ready_ns"])
-        pictures.append(SeenPicture(int(row["camera"]), capture_ns, ready_ns, found))
-    if rest:
+    pictures: dict[int, SeenPicture] = {}
+    for _ in range(count):
+        if len(data) < place + _PICTURE.size:
+            raise NodeError("a message that is shorter than it says")
+        camera, full, capture_ns, ready_ns, *sizes = _PICTURE.unpack_from(data, place)
+        if camera >= len(cameras) or camera in pictures:
+            raise NodeError("rows of a camera that the node does not have, or of one twice")
+        found, place = _cut(data, place + _PICTURE.size, _DETECTION, sizes[0])
+        unlisted, place = _cut(data, place, UNLISTED, sizes[1])
+        rows = found.astype(DETECTION)
+        _check(rows, unlisted, cameras[camera])
+        seen = Found(rows, bool(full), unlisted.copy())
+        pictures[camera] = SeenPicture(camera, capture_ns, ready_ns, seen)
+    if place != len(data):
         raise NodeError("rows that do not end where they say")
-    first_ns, second_ns = int(head["first_ns"]), int(head["second_ns"])
-    return SeenRows(
-        session, int(head["number"]), int(head["sent_ns"]), first_ns, second_ns, pictures
-    )
+    return SeenRows(session, number, sent_ns, echo_ns, held_ns, list(pictures.values()))
 
 
 def _check(rows: NDArray[np.void], unlisted: NDArray[np.void], camera: Camera) -> None:
     """Raises NodeError for rows that no detector makes of a picture of that camera."""
     finite = [rows[name] for name in ("x_px", "y_px", "yaw_rad", "covariance", "error")]
-    finite += [unlisted["x_m"], unlisted["y_m"]]
-    if not all(np.isfinite(values).all() for values in finite):
+    if not all(np.isfinite(v).all() for v in (*finite, unlisted["x_m"], unlisted["y_m"])):
         raise NodeError("rows with a value that is no number")
-    beside = [
-        (rows[axis] < -_BESIDE_PX) | (rows[axis] > side - _BESIDE_PX)
-        for axis, side in (("x_px", camera.width_px), ("y_px", camera.height_px))
-    ]
-    if any(outside.any() for outside in beside):
-        raise NodeError("rows of markers outside of their picture")
+    for axis, side in (("x_px", camera.width_px), ("y_px", camera.height_px)):
+        if ((rows[axis] < -_BESIDE_PX) | (rows[axis] > side - _BESIDE_PX)).any():
+            raise NodeError("rows of markers outside of their picture")
     variances = np.diagonal(rows["covariance"], axis1=1, axis2=2)
     if (variances < 0.0).any() or np.isnan(rows["margin"]).any():
         raise NodeError("rows whose errors cannot be")
@@ -244,35 +189,24 @@ def _check(rows: NDArray[np.void], unlisted: NDArray[np.void], camera: Camera) -
             raise NodeError("rows of a tag that no marker has")
 
 
-def _head(kind: int, session: int, number: int, sent_ns: int) -> NDArray[np.void]:
-    head = np.zeros((), dtype=_HEAD)
-    head["magic"], head["version"], head["kind"] = _MAGIC, NODE_FORMAT, kind
-    head["session"], head["number"], head["sent_ns"] = session, number, sent_ns
-    return head
-
-
-def _opened(data: bytes, kind: int) -> tuple[NDArray[np.void], bytes]:
-    """Returns the head of a message of a kind, and the rest."""
-    if len(data) < _HEAD.itemsize or data[:4] != _MAGIC:
+def _opened(data: bytes, kind: int) -> tuple[list[int], int]:
+    """Returns what the head of a message of a kind says, and where the rest begins."""
+    if len(data) < _HEAD.size or data[:4] != _MAGIC:
         raise NodeError(f"{len(data)} bytes that are no message of vsense")
-    head = np.frombuffer(data, _HEAD, 1)[0]
-    if head["version"] != NODE_FORMAT:
+    _, version, sent_kind, *head = _HEAD.unpack_from(data)
+    if version != NODE_FORMAT:
         raise NodeError(
-            f"a message of format {head['version']}, this is {NODE_FORMAT}: expected the same"
-            " vsense on both machines"
+            f"a message of format {version}, this is {NODE_FORMAT}: expected the same vsense on"
+            " both computers"
         )
-    if head["kind"] != kind:
+    if sent_kind != kind:
         raise NodeError("a message of another kind")
-    return head, data[_HEAD.itemsize :]
+    return head, _HEAD.size
 
 
-def _cut(data: bytes, *parts: tuple[np.dtype[Any], int]) -> tuple[list[NDArray[np.void]], bytes]:
-    """Returns so many rows of each dtype, and the rest."""
-    arrays = []
-    for dtype, count in parts:
-        size = dtype.itemsize * count
-        if count > MOST_ROWS or len(data) < size:
-            raise NodeError("a message that is shorter than it says")
-        arrays.append(np.frombuffer(data[:size], dtype, count))
-        data = data[size:]
-    return arrays, data
+def _cut(data: bytes, place: int, dtype: np.dtype[Any], count: int) -> tuple[NDArray[np.void], int]:
+    """Returns so many rows of a dtype from a place on, and where the rest begins."""
+    end = place + dtype.itemsize * count
+    if count > MOST_ROWS or len(data) < end:
+        raise NodeError("a message that is shorter than it says")
+    return np.frombuffer(data, dtype, count, place), end

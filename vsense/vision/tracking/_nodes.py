@@ -59,6 +59,7 @@ class Nodes:
         """Opens the network for the views of a session that nodes have; some have one.
 
         Raises:
+            ConfigError: All pictures are to be recorded.
             UsageError, VsenseError: Zenoh is missing, or cannot listen or begin.
         """
         self._clock, self._ended = clock, threading.Event()
@@ -70,6 +71,12 @@ class Nodes:
         self.cameras = frozenset(v.camera.id for group in views.values() for v in group)
         network = session.resources.network
         assert network is not None
+        if session.record.record_image:
+            text = "<experiment_record> record_image: pictures of nodes' cameras stay there"
+            raise session.error(session.record.line, text)
+        for name, group in views.items():
+            ids = ", ".join(view.camera.id for view in group)
+            say(f"pictures of {ids} stay at node {name}; those here are coarse, also in recordings")
         self._zenoh = open_network(network)
         self.links = {
             name: NodeLink(

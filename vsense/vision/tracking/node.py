@@ -55,7 +55,7 @@ from vsense.vision.tracking.recorded_tracker import seen_by
 from vsense.vision.tracking.specs import GrabberSpec, PlainView, Resources
 
 POLL_S = 0.2
-REACH_NS = 3_000_000_000
+REACH_NS = 2_000_000_000
 """A node that has reached nobody after this time says so, and goes on trying."""
 HOLD_NS = 2_000_000_000
 """A tracker that was heard so lately keeps its node; another one waits."""
