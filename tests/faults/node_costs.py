@@ -108,8 +108,8 @@ def processor_s(pid: int) -> float:
 def here(resources: Path) -> dict[str, float]:
     """All cameras in the tracker's own process."""
 
-    def play(_: Any, views: Any, *__: Any) -> LoopPlayer:
-        folders = {view.camera.id: Path(view.grabber.source) for view in views}
+    def play(_: Any, grabbers: Any, *__: Any) -> LoopPlayer:
+        folders = {camera: Path(spec.source) for camera, spec in grabbers.items()}
         return LoopPlayer(folders, PERIOD_NS, True)
 
     real, opening.live_grabber = opening.live_grabber, play  # type: ignore[assignment]

@@ -93,8 +93,8 @@ def main() -> int:
         most = pages * resource.getpagesize() + words.memory
         resource.setrlimit(resource.RLIMIT_AS, (most, most))
 
-    def play(_: Any, views: Any, *__: Any) -> LoopPlayer:
-        folders = {view.camera.id: Path(view.grabber.source) for view in views}
+    def play(_: Any, grabbers: Any, *__: Any) -> LoopPlayer:
+        folders = {camera: Path(spec.source) for camera, spec in grabbers.items()}
         return LoopPlayer(folders, round(1e9 * words.period), words.keep)
 
     node.live_grabber = play  # type: ignore[assignment]

@@ -186,12 +186,8 @@ def _own_cameras(
     own = OwnCameras(session, tracking)
     expect = partial(_check_roster, session=session)
     figures = tracking.figures
-    doubt = doubt_of_nodes(session)
-    return SteadySource(
-        *(kind, name, tracking, experiment.timestep_ns, figures, own),
-        doubt=doubt,
-        expect=expect,
-    )
+    timestep_ns, doubt = experiment.timestep_ns, doubt_of_nodes(session)
+    return SteadySource(kind, name, tracking, timestep_ns, figures, own, doubt, expect)
 
 
 def doubt_of_nodes(session: TrackingSession) -> str:

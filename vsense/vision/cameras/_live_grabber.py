@@ -122,22 +122,24 @@ class LiveGrabber:
         self._patience_s = patience_s
         self._together_ns = None if together_s is None else round(1e9 * together_s)
         self._trigger = trigger
-        self._timestep, self._in_order, self._done_ns = 0, in_order, 0
+        self._timestep, self._done_ns, self._in_order = 0, 0, in_order
         self._news = threading.Condition()
         self._ended = threading.Event()
         self._events: deque[CameraEvent] = deque(maxlen=MOST_UNREAD_EVENTS)
-        rates = rates_hz or {}
+        rates, self._retry_s = rates_hz or {}, retry_s
         self._cameras = {
-            c: LiveCamera(
-                s, sizes_px[c], rates.get(c), self._news, partial(self._notify, c), clock, retry_s
-            )
-            for c, s in sources.items()
+            c: self._camera(c, s, sizes_px[c], rates.get(c)) for c, s in sources.items()
         }
-        self._threads = [
-            threading.Thread(target=camera.run, daemon=True) for camera in self._cameras.values()
-        ]
+        runs = [camera.run for camera in self._cameras.values()]
+        self._threads = [threading.Thread(target=run, daemon=True) for run in runs]
         for thread in self._threads:
             thread.start()
+
+    def _camera(
+        self, id: str, source: Source, size_px: tuple[int, int], rate_hz: float | None
+    ) -> LiveCamera:
+        notify = partial(self._notify, id)
+        return LiveCamera(source, size_px, rate_hz, self._news, notify, self._clock, self._retry_s)
 
     def next(self, timeout_s: float) -> Sequence[Frame]:
         """See `Grabber.next`."""

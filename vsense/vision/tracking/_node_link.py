@@ -53,10 +53,8 @@ NEAR_M = 0.5
 _DELAYS = 20
 _MOST_EVENTS, _MOST_TEXT = 64, 300
 _MOST_PREVIEW_BYTES, _MOST_PREVIEW_PX = 1 << 20, 1 << 20
-EVENT_KINDS = (
-    *("dark", "light", "saturated", "exposed", "frozen", "running", "moved", "steady", "damaged"),
-    *("whole", "size", "fits", "control", "slow", "prompt", "gone", "back", "clock"),
-)
+EVENT_KINDS = "dark light saturated exposed frozen running moved steady damaged whole size fits"
+EVENT_KINDS += " control slow prompt gone back clock"
 """What nodes say of their cameras; what follows from rows the tracker finds out itself."""
 
 
@@ -122,36 +120,31 @@ class NodeLink:
         clock: Callable[[], int],
         quickest_ns: Callable[[], int],
     ) -> None:
-        """Listens to a node, and asks it for nothing yet.
+        """Listens to a node, and asks it for nothing yet; `session` is Zenoh's.
 
-        Args:
-            session: Zenoh's.
-            data: The tracker that the node's cameras are for.
-            grabbers: By the camera's number, the node's own name of its grabber.
-            live: Whether they are cameras, and no recordings.
-            clock: The host's monotonic clock [ns].
-            quickest_ns: How old rows are at least that come from any node.
+        `data` is the tracker that its cameras are for, `grabbers` are the node's names of them;
+        `quickest_ns` says how old rows of the quickest node are; `clock` is the host's [ns].
         """
         self.name, self.live = name, live
         self.cameras, self.searches, _ = seen_by(data)
-        self.counts: Counter[str] = Counter()
         self._array = CameraArray(self.cameras)
-        self.clock = NodeClock()
+        self.counts, self.clock = Counter[str](), NodeClock()
         self.session = self.number = 0
         self._zenoh, self._data, self._grabbers = session, data, list(grabbers)
         self._now, self._quickest_ns = clock, quickest_ns
         self._tracker = secrets.randbits(56)
         self._newest_rows, self.heard_ns, self._asked_ns = -1, 0, 0
         self._connecting, self._news = threading.Lock(), threading.Condition()
-        self._arrived: dict[int, Arrived] = {}
-        self._previews: dict[int, bytes] = {}
-        self._images: dict[int, Image] = {}
-        self._events: deque[CameraEvent] = deque(maxlen=_MOST_EVENTS)
-        self._delays_ns: deque[int] = deque(maxlen=_DELAYS)
+        self._arrived = dict[int, Arrived]()
+        self._previews, self._images = dict[int, bytes](), dict[int, Image]()
+        self._events = deque[CameraEvent](maxlen=_MOST_EVENTS)
+        self._delays_ns = deque[int](maxlen=_DELAYS)
         self.key = partial(node_key, arena, name)
-        listeners = [("rows", self._take_rows), ("events", self._take_events)]
-        listeners.append(("preview/*", self._take_preview))
-        self._heard = [session.declare_subscriber(self.key(k), take) for k, take in listeners]
+        self._heard = [
+            session.declare_subscriber(self.key("rows"), self._take_rows),
+            session.declare_subscriber(self.key("events"), self._take_events),
+            session.declare_subscriber(self.key("preview/*"), self._take_preview),
+        ]
 
     def connect(self) -> dict[str, Any]:
         """Has the node look at its pictures for this tracker; returns what it answers.
@@ -338,7 +331,7 @@ class NodeLink:
             if session != self.session:
                 raise ValueError("of another session")
             for camera, kind, text in rows[:_MOST_EVENTS]:
-                if kind not in EVENT_KINDS:
+                if kind not in EVENT_KINDS.split():
                     raise ValueError("of a kind that no node has")
                 self._note(self.cameras[int(camera)].id, str(kind), str(text)[:_MOST_TEXT])
         except (ValueError, TypeError, IndexError):

@@ -38,7 +38,7 @@ from vsense.vision.tracking.node_session import (
     open_network,
 )
 from vsense.vision.tracking.recorded_tracker import of_session
-from vsense.vision.tracking.specs import CameraTrackerSpec, CameraView, TrackingSession
+from vsense.vision.tracking.specs import CameraTrackerSpec, GrabberSpec, TrackingSession
 
 ANSWER_S = 10.0
 """A node has this time to come at the start, and to answer a question about a recording."""
@@ -74,29 +74,20 @@ class Nodes:
         if session.record.record_image:
             text = "<experiment_record> record_image: pictures of nodes' cameras stay there"
             raise session.error(session.record.line, text)
+        self._zenoh, self._say = open_network(network), say
+        self.links: dict[str, NodeLink] = {}
+        self._places: dict[str, tuple[NodeLink, int]] = {}
         for name, group in views.items():
-            ids = ", ".join(view.camera.id for view in group)
-            say(f"pictures of {ids} stay at node {name}; those here are coarse, also in recordings")
-        self._zenoh = open_network(network)
-        self.links = {
-            name: NodeLink(
-                self._zenoh,
-                network.arena,
-                name,
-                of_session(replace(session, views=tuple(group))),
-                [view.grabber.source for view in group],
-                session.is_live,
-                clock,
-                self._quickest_ns,
+            ids = [view.camera.id for view in group]
+            say(
+                f"pictures of {', '.join(ids)} stay at node {name}: here, and in recordings, they"
+                " are coarse"
             )
-            for name, group in views.items()
-        }
-        self._places = {
-            view.camera.id: (self.links[name], number)
-            for name, group in views.items()
-            for number, view in enumerate(group)
-        }
-        self._say = say
+            data = of_session(replace(session, views=tuple(group)))
+            about = data, [view.grabber.source for view in group], session.is_live
+            where = self._zenoh, network.arena, name
+            link = self.links[name] = NodeLink(*where, *about, clock, self._quickest_ns)
+            self._places.update((id, (link, number)) for number, id in enumerate(ids))
         here = node_key(network.arena, "*", "here")
         lively = self._zenoh.liveliness()
         self._strangers = lively.declare_subscriber(here, self._greet, history=True)
@@ -105,9 +96,9 @@ class Nodes:
         """The node that has a camera, and the camera's number there."""
         return self._places[camera]
 
-    def source(self, view: CameraView) -> Source:
+    def source(self, camera: str, spec: GrabberSpec) -> Source:
         """Returns a camera that a node has."""
-        return NodeSource(*self._places[view.camera.id], view.grabber.frame_rate_hz)
+        return NodeSource(*self._places[camera], spec.frame_rate_hz)
 
     def recordings(self) -> dict[str, CameraRecording]:
         """Returns the recordings that nodes have, by the camera's id.
@@ -247,7 +238,7 @@ class NodeDetector:
     def __init__(self, nodes: Nodes, prediction: Prediction) -> None:
         """Takes what the arena tracker expects, and says it to nodes with live cameras."""
         self._nodes, self._prediction = nodes, prediction
-        prediction.learned = self._say
+        prediction.tell(self._say)
 
     def detect_all(self, pictures: Sequence[Picture]) -> list[Detected]:
         """See `Detector.detect_all`."""

@@ -136,6 +136,22 @@ class Prediction:
         """Whether whole pictures are searched in the next timestep."""
         return self._timesteps % self.plan.key_frame_period == 0
 
+    def tell(self, learned: Callable[[], None]) -> None:
+        """Has somebody called when a timestep has been learned, and who has joined is known."""
+        self.learned = learned
+
+    def adopt(
+        self,
+        known: NDArray[np.void],
+        heights_m: Mapping[int, float],
+        is_key_frame: bool,
+        gone: bool | None,
+        joined: dict[str, tuple[int, ...]],
+    ) -> None:
+        """Takes over what the tracker on another computer knows; see the attributes."""
+        self.known, self.heights_m, self.joined = known, heights_m, joined
+        self.is_key_frame, self.gone = is_key_frame, gone
+
     def foresee(self, capture_ns: int) -> None:
         """Has the robots go on as they moved."""
         self.capture_ns = capture_ns

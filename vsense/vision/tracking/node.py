@@ -52,7 +52,7 @@ from vsense.vision.tracking.node_session import (
 )
 from vsense.vision.tracking.opening import live_grabber, open_recording
 from vsense.vision.tracking.recorded_tracker import seen_by
-from vsense.vision.tracking.specs import GrabberSpec, PlainView, Resources
+from vsense.vision.tracking.specs import Resources
 
 POLL_S = 0.2
 REACH_NS = 2_000_000_000
@@ -61,39 +61,35 @@ HOLD_NS = 2_000_000_000
 """A tracker that was heard so lately keeps its node; another one waits."""
 IDLE_NS = 30_000_000_000
 """A tracker that says nothing for so long is gone."""
-PREVIEW_NS = 1_000_000_000
-PREVIEW_PX, _QUALITY = 405, 60
-_KEPT = 8
-_READERS = 2
+PREVIEW_NS, PREVIEW_PX, _QUALITY = 1_000_000_000, 405, 60
+_KEPT, _READERS = 8, 2
 
 
 class NodeService:
     """What a node does for one tracker: pictures in, what is in them out.
 
     Attributes:
-        tracker, session: The tracker's numbers.
+        tracker, session: The tracker's numbers; `numbers` are the cameras', by their ids.
         grabber: Of live cameras; None: recordings, whose pictures are asked for.
         heard_ns: When the tracker was heard last.
-        expectation: The newest.
+        newest: The newest expectation, and when it came; None: none.
     """
 
     def __init__(
         self, setup: dict[str, Any], resources: Resources, clock: Callable[[], int]
     ) -> None:
-        """Opens what a tracker asks for.
+        """Opens what a tracker asks for; VsenseError where it is not here.
 
-        VsenseError where that is not here; KeyError, TypeError, ValueError, AttributeError where
-        it is not asked as trackers do.
+        KeyError, TypeError, ValueError, AttributeError where no tracker asks so.
         """
         if setup["format"] != NODE_FORMAT:
-            raise NodeError(
-                f"the tracker's format is {setup['format']}, this is {NODE_FORMAT}: expected the"
-                " same vsense on both computers"
-            )
+            formats = f"the tracker's format is {setup['format']}, this is {NODE_FORMAT}"
+            raise NodeError(f"{formats}: expected the same vsense on both computers")
         self.tracker, self.session = int(setup["tracker"]), int(setup["session"])
         self.cameras, searches, plan = seen_by(setup["tracking"])
-        self.heard_ns, self.expectation_ns = clock(), 0
-        self.expectation: Expectation | None = None
+        self.numbers = {camera.id: number for number, camera in enumerate(self.cameras)}
+        self.heard_ns = clock()
+        self.newest: tuple[Expectation, int] | None = None
         self._families = families_of(searches)
         self._clock, self._prediction = clock, Prediction(plan)
         self._recordings: list[CameraRecording] = []
@@ -110,17 +106,18 @@ class NodeService:
 
     def _open(self, setup: dict[str, Any], resources: Resources) -> None:
         """Opens cameras or recordings; raises as `__init__`."""
-        specs = [_named(str(id), resources) for id in setup["grabbers"]]
-        live = bool(setup["live"])
-        for spec in specs:
-            if spec.node or spec.is_live != live:
-                kinds = ("recording", "camera")
-                there, wanted = kinds[spec.is_live], kinds[live]
-                raise VsenseError(f"{spec.id!r} is a {there} here, expected a {wanted}")
+        live, specs, known = bool(setup["live"]), [], resources.grabbers
+        for id in map(str, setup["grabbers"]):
+            if id not in known:
+                raise VsenseError(f"has no <grabber> {id!r}; {instead(id, known)}")
+            if known[id].node or known[id].is_live != live:
+                there, wanted = ("recording", "camera")[:: -1 if known[id].is_live else 1]
+                raise VsenseError(f"{id!r} is a {there} here, expected a {wanted}")
+            specs.append(known[id])
         if live:
-            views = [PlainView(spec, camera) for spec, camera in zip(specs, self.cameras)]
+            grabbers = dict(zip(self.numbers, specs, strict=True))
             sizes_px = {c.id: (c.width_px, c.height_px) for c in self.cameras}
-            self.grabber = live_grabber(resources, views, sizes_px, self._clock)
+            self.grabber = live_grabber(resources, grabbers, sizes_px, self._clock)
         else:
             self._recordings = [open_recording(resources, spec) for spec in specs]
 
@@ -152,37 +149,48 @@ class NodeService:
         small = cv2.resize(image, size, interpolation=cv2.INTER_AREA) if width > size[0] else image
         return cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
 
+    def take(self, expectation: Expectation) -> None:
+        """Makes an expectation the newest; NodeError: it is none of this session, or comes late."""
+        last = -1 if self.newest is None else self.newest[0].number
+        if expectation.session != self.session or expectation.number <= last:
+            raise NodeError("an expectation of another session, or one that came before")
+        families = [family for family, *_ in expectation.joined]
+        cameras = max(expectation.turns, default=0)
+        if cameras >= len(self.cameras) or max(families, default=0) >= len(self._families):
+            raise NodeError("an expectation of a camera or a family that is not here")
+        self.heard_ns = self._clock()
+        self.newest = expectation, self.heard_ns
+
     def look(self, frames: Sequence[Frame], capture_ns: int) -> list[Found]:
         """Looks for what the newest expectation says; `capture_ns` is by the tracker's clock."""
         prediction = self._prediction
-        if self.expectation is not None:
-            self._learn(self.expectation)
+        if self.newest is not None:
+            self._learn(self.newest[0])
         prediction.foresee(capture_ns)
-        by_id = {camera.id: camera for camera in self.cameras}
-        detected = self._detector.detect_all([Picture(f.image, by_id[f.camera]) for f in frames])
+        cameras = [self.cameras[self.numbers[frame.camera]] for frame in frames]
+        detected = self._detector.detect_all(
+            [Picture(f.image, camera) for f, camera in zip(frames, cameras, strict=True)]
+        )
         found = []
         for frame, (rows, full) in zip(frames, detected, strict=True):
             there = prediction.unlisted.get(frame.camera)
-            unlisted = np.zeros(0 if there is None else len(there.tags), dtype=UNLISTED)
-            if there is not None:
-                unlisted["tag"] = there.tags
-                unlisted["x_m"], unlisted["y_m"] = there.places.T
+            pairs = [] if there is None else zip(there.tags.tolist(), there.places.tolist())
+            unlisted = np.array([(tag, *place) for tag, place in pairs], dtype=UNLISTED)
             found.append(Found(rows, full, unlisted))
         return found
 
     def _learn(self, expectation: Expectation) -> None:
-        """Takes over what the tracker knows; IndexError: of what this session does not have."""
         prediction, tags = self._prediction, expectation.known["tag"].tolist()
-        prediction.known = expectation.known
-        prediction.heights_m = dict(zip(tags, expectation.heights_m.tolist(), strict=True))
-        prediction.is_key_frame, prediction.gone = expectation.is_key_frame, expectation.gone
+        heights_m = dict(zip(tags, expectation.heights_m.tolist(), strict=True))
         for number, (turn, _) in expectation.turns.items():
             prediction.turns[self.cameras[number].id] = turn
         joined: dict[str, tuple[int, ...]] = {}
         for number, tag, _ in expectation.joined:
             joined.setdefault(self._families[number], ())
             joined[self._families[number]] += (tag,)
-        prediction.joined = joined
+        prediction.adopt(
+            expectation.known, heights_m, expectation.is_key_frame, expectation.gone, joined
+        )
 
     def troubles(
         self, frames: Sequence[Frame], found: Sequence[Found], all_of_them: bool
@@ -194,11 +202,7 @@ class NodeService:
             self._checked_ns = now_ns
             seen = {frame.camera: rows for frame, (rows, *_) in zip(frames, found)}
             events += self._health.update(frames, seen)
-        return [event for event in events if event.kind in EVENT_KINDS]
-
-    def number_of(self, camera: str) -> int:
-        """The number of a camera in this session."""
-        return [known.id for known in self.cameras].index(camera)
+        return [event for event in events if event.kind in EVENT_KINDS.split()]
 
     def close(self) -> None:
         """Closes cameras and recordings."""
@@ -236,8 +240,8 @@ class CameraNode:
         self._resources, self._clock, self._say = resources, clock, say
         self._key = partial(node_key, network.arena, name)
         self._service: NodeService | None = None
-        self._queries: queue.SimpleQueue[Any] = queue.SimpleQueue()
-        self._number, self._previewed_ns = 0, -PREVIEW_NS
+        self._queries = queue.SimpleQueue[Any]()
+        self._number, self._refused, self._previewed_ns = 0, 0, -PREVIEW_NS
         self._readers = ThreadPoolExecutor(_READERS, "reading")
         self._looking = ThreadPoolExecutor(1, "looking")
         self._zenoh = session = open_network(network)
@@ -252,15 +256,13 @@ class CameraNode:
 
     def run(self, ended: threading.Event) -> None:
         """Serves trackers until `ended`."""
-        begun_ns, told = self._clock(), False
+        tell_ns: int | None = self._clock() + REACH_NS
         while not ended.is_set():
             service = self._service
-            if not told and self._clock() - begun_ns > REACH_NS:
-                told = True
+            if tell_ns is not None and self._clock() > tell_ns:
+                tell_ns = None
                 if not is_connected(self._zenoh):
-                    self._say(
-                        "reaches nobody yet: is the tracker running, and are certificates its own?"
-                    )
+                    self._say("reaches nobody yet: does the tracker run, and trust this node?")
             if service is not None and self._clock() - service.heard_ns > IDLE_NS:
                 self._say("the tracker is gone: waiting for the next one")
                 self._drop()
@@ -309,57 +311,49 @@ class CameraNode:
     def _serve(self, service: NodeService) -> None:
         """Waits for a timestep's pictures, looks at them and says what is there."""
         assert service.grabber is not None
-        frames: Sequence[Frame] = ()
         try:
             frames = service.grabber.next(POLL_S)
         except GrabberError:
             self._tell(service, service.troubles((), (), False))
             return
-        offset_ns = 0 if service.expectation is None else service.expectation.offset_ns
-        newest_ns = max(frame.capture_ns for frame in frames)
-        found = service.look(frames, newest_ns - offset_ns)
+        offset_ns = 0 if service.newest is None else service.newest[0].offset_ns
+        found = service.look(frames, max(frame.capture_ns for frame in frames) - offset_ns)
         self._number += 1
         put(self._zenoh, self._key("rows"), self._rows(service, self._number, frames, found))
         self._tell(service, service.troubles(frames, found, False))
         if self._clock() - self._previewed_ns >= PREVIEW_NS:
             self._previewed_ns = self._clock()
             for frame in frames:
-                key = self._key(f"preview/{service.number_of(frame.camera)}")
+                key = self._key(f"preview/{service.numbers[frame.camera]}")
                 put(self._zenoh, key, service.preview(frame.image), urgent=False)
 
     def _rows(
         self, service: NodeService, number: int, frames: Sequence[Frame], found: Sequence[Found]
     ) -> bytes:
-        now_ns, newest = self._clock(), service.expectation
         pictures = [
-            SeenPicture(service.number_of(f.camera), f.capture_ns, f.ready_ns, seen)
+            SeenPicture(service.numbers[f.camera], f.capture_ns, f.ready_ns, seen)
             for f, seen in zip(frames, found, strict=True)
         ]
-        echo_ns = 0 if newest is None else newest.sent_ns
-        held_ns = now_ns - service.expectation_ns
-        return encode_rows(SeenRows(service.session, number, now_ns, echo_ns, held_ns, pictures))
+        now_ns, newest = self._clock(), service.newest
+        echo = (0, 0) if newest is None else (newest[0].sent_ns, now_ns - newest[1])
+        return encode_rows(SeenRows(service.session, number, now_ns, *echo, pictures))
 
     def _tell(self, service: NodeService, events: Sequence[CameraEvent]) -> None:
         for event in events:
             self._say(str(event))
         if events:
-            rows = [[service.number_of(e.camera), e.kind, e.text] for e in events]
+            rows = [[service.numbers[e.camera], e.kind, e.text] for e in events]
             put(self._zenoh, self._key("events"), json.dumps([service.session, rows]).encode())
 
     def _expect(self, sample: Any) -> None:
-        """Takes an expectation that is newer than the last; a thread of Zenoh's."""
-        service, now_ns = self._service, self._clock()
+        """Takes an expectation; a thread of Zenoh's."""
         try:
-            expectation = decode_expectation(sample.payload.to_bytes())
+            if (service := self._service) is not None:
+                service.take(decode_expectation(sample.payload.to_bytes()))
         except NodeError as error:
-            self._say(f"refused {error}")
-            return
-        if service is None or expectation.session != service.session:
-            return
-        newest = service.expectation
-        if newest is None or expectation.number > newest.number:
-            service.expectation, service.expectation_ns = expectation, now_ns
-            service.heard_ns = now_ns
+            self._refused += 1
+            if self._refused == 1:  # a stranger must not fill the log
+                self._say(f"refused {error}; more of this is not told")
 
     def _leave(self, sample: Any) -> None:
         """The tracker has ended; a thread of Zenoh's."""
@@ -396,9 +390,7 @@ class CameraNode:
 
     def _look(self, service: NodeService, question: bytes) -> bytes:
         expectation = decode_expectation(question)
-        if expectation.session != service.session:
-            raise VsenseError("asked in another session")
-        service.expectation, service.expectation_ns = expectation, self._clock()
+        service.take(expectation)
         now_ns, frames = expectation.capture_ns, []
         for number, (_, place) in expectation.turns.items():
             image, camera = service.read(number, place), service.cameras[number].id
@@ -406,10 +398,3 @@ class CameraNode:
         found = service.look(frames, now_ns)
         self._tell(service, service.troubles(frames, found, True))
         return self._rows(service, expectation.number, frames, found)
-
-
-def _named(id: str, resources: Resources) -> GrabberSpec:
-    """The grabber of an id; VsenseError: there is none."""
-    if id not in resources.grabbers:
-        raise VsenseError(f"has no <grabber> {id!r}; {instead(id, resources.grabbers)}")
-    return resources.grabbers[id]

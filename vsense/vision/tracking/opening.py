@@ -5,7 +5,7 @@ This is the factory of the thesis's figure 2.11.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -40,7 +40,6 @@ from vsense.vision.tracking.marker_detector import cell_width_seen
 from vsense.vision.tracking.mask import Mask, outlines_px
 from vsense.vision.tracking.specs import (
     DIRECTORY,
-    CameraView,
     GrabberSpec,
     Resources,
     TrackerSpec,
@@ -113,7 +112,7 @@ def _grabber(
 ) -> Grabber:
     sizes_px = {v.camera.id: (v.camera.width_px, v.camera.height_px) for v in session.views}
     if session.is_live:
-        return live_grabber(session.resources, session.views, sizes_px, clock, nodes)
+        return live_grabber(session.resources, session.grabbers, sizes_px, clock, nodes)
     elsewhere = {} if nodes is None else nodes.recordings()
     here = [view for view in session.views if not view.grabber.node]
     opened = {v.camera.id: open_recording(session.resources, v.grabber) for v in here} | elsewhere
@@ -187,27 +186,25 @@ def make_source(spec: GrabberSpec, clock: Callable[[], int], links: NetworkLoad)
 
 def live_grabber(
     resources: Resources,
-    views: Sequence[CameraView],
+    grabbers: Mapping[str, GrabberSpec],
     sizes_px: Mapping[str, tuple[int, int]],
     clock: Callable[[], int],
     nodes: Nodes | None = None,
 ) -> LiveGrabber:
-    """Starts all cameras of views that are all live; `sizes_px` by the cameras' ids.
+    """Starts cameras, all of them live; `grabbers` and `sizes_px` by the cameras' ids.
 
     Raises:
         ConfigError: the library for them is missing, or they would send more than their network
             carries; names the place in the resources file.
     """
     links = NetworkLoad()
-    _check(resources, views, links)
+    _check(resources, grabbers, sizes_px, links)
     sources: dict[str, Source] = {}
-    for view in views:
-        if nodes is not None and view.grabber.node:
-            sources[view.camera.id] = nodes.source(view)
-        else:
-            sources[view.camera.id] = make_source(view.grabber, clock, links)
-    rates_hz = {v.camera.id: v.grabber.frame_rate_hz for v in views}
-    triggers = {v.grabber.trigger for v in views}
+    for camera, spec in grabbers.items():
+        at_node = nodes.source(camera, spec) if nodes is not None and spec.node else None
+        sources[camera] = at_node or make_source(spec, clock, links)
+    rates_hz = {camera: spec.frame_rate_hz for camera, spec in grabbers.items()}
+    triggers = {spec.trigger for spec in grabbers.values()}
     rate_hz = next((rate_hz for rate_hz in rates_hz.values() if rate_hz is not None), None)
     if (triggers == {FREE} and nodes is None) or rate_hz is None:
         return LiveGrabber(sources, sizes_px, clock, rates_hz)
@@ -220,22 +217,26 @@ def live_grabber(
     return LiveGrabber(sources, sizes_px, clock, rates_hz, together_s, trigger, in_order=in_order)
 
 
-def _check(resources: Resources, views: Sequence[CameraView], links: NetworkLoad) -> None:
+def _check(
+    resources: Resources,
+    grabbers: Mapping[str, GrabberSpec],
+    sizes_px: Mapping[str, tuple[int, int]],
+    links: NetworkLoad,
+) -> None:
     """Refuses what can be refused before a camera is opened."""
-    genicam = [v for v in views if isinstance(v.grabber.settings, GenicamSettings)]
+    genicam = {c: g for c, g in grabbers.items() if isinstance(g.settings, GenicamSettings)}
     if not genicam:
         return
     there: list[ListedCamera] = []
     try:
         aravis.load()
-        if not all(is_address(view.grabber.source) for view in genicam):
+        if not all(is_address(grabber.source) for grabber in genicam.values()):
             there = aravis.listed()
     except aravis.AravisError as error:
-        line = genicam[0].grabber.line
+        line = next(iter(genicam.values())).line
         raise resources.error(line, f"<grabber> type: {error}") from None
     first: dict[str, str] = {}
-    for view in genicam:
-        grabber = view.grabber
+    for camera, grabber in genicam.items():
         addresses = [c.address for c in there if grabber.source in c.names]
         address = grabber.source if is_address(grabber.source) else next(iter(addresses), "")
         if not address:
@@ -244,13 +245,18 @@ def _check(resources: Resources, views: Sequence[CameraView], links: NetworkLoad
             text = f"{first[address]!r} and {grabber.source!r} are the same camera, at {address}"
             raise resources.error(grabber.line, f"<grabber> device: {text}")
         first[address] = grabber.source
-        _claim(resources, view, address, links)
+        _claim(resources, grabber, sizes_px[camera], address, links)
 
 
-def _claim(resources: Resources, view: CameraView, address: str, links: NetworkLoad) -> None:
-    grabber = view.grabber
+def _claim(
+    resources: Resources,
+    grabber: GrabberSpec,
+    calibrated_px: tuple[int, int],
+    address: str,
+    links: NetworkLoad,
+) -> None:
     assert isinstance(grabber.settings, GenicamSettings)
-    size_px = grabber.settings.controls.size_px or (view.camera.width_px, view.camera.height_px)
+    size_px = grabber.settings.controls.size_px or calibrated_px
     packet = grabber.settings.packet_size or USUAL_PACKET
     assert grabber.frame_rate_hz is not None
     try:

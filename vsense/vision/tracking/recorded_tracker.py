@@ -151,10 +151,7 @@ def _tracker(
 
 
 def seen_by(data: Description) -> tuple[list[Camera], list[MarkerSearch], SearchPlan]:
-    """Returns a description's cameras, what is looked for by each, and how much is searched.
-
-    KeyError, TypeError, ValueError, AttributeError or VsenseError if it is damaged.
-    """
+    """Returns a description's cameras, what is looked for by each, and how much is searched."""
     cameras = [Camera.from_json(json.dumps(camera)) for camera in data["cameras"]]
     trackers = {id: data["trackers"][id] for id in data["sees"].values()}
     searches = {

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 from vsense.base.errors import ConfigError
 from vsense.vision.cameras.camera import Camera
@@ -126,23 +126,6 @@ class Resources:
         return ConfigError(self.file, line, message)
 
 
-class CameraView(Protocol):
-    """A picture source, and the calibrated camera that it is."""
-
-    @property
-    def grabber(self) -> GrabberSpec: ...
-
-    @property
-    def camera(self) -> Camera: ...
-
-
-class PlainView(NamedTuple):
-    """A view of which nothing else is known."""
-
-    grabber: GrabberSpec
-    camera: Camera
-
-
 @dataclass(frozen=True, slots=True)
 class CameraTrackerSpec:
     """One camera of a session: a picture source, a calibrated camera, and what to look for.
@@ -244,6 +227,11 @@ class TrackingSession:
     def is_live(self) -> bool:
         """Whether its pictures come from cameras and not from recordings."""
         return any(view.grabber.is_live for view in self.views)
+
+    @property
+    def grabbers(self) -> dict[str, GrabberSpec]:
+        """Where the pictures come from, by the camera's id."""
+        return {view.camera.id: view.grabber for view in self.views}
 
     @property
     def heights_m(self) -> dict[int, float]:
