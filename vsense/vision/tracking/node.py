@@ -56,9 +56,8 @@ from vsense.vision.tracking.specs import Resources
 
 POLL_S = 0.2
 REACH_NS = 2_000_000_000
-"""A node that has reached nobody after this time says so, and goes on trying."""
 HOLD_NS = 2_000_000_000
-"""A tracker that was heard so lately keeps its node; another one waits."""
+"""A tracker that was heard so lately keeps its node."""
 IDLE_NS = 30_000_000_000
 """A tracker that says nothing for so long is gone."""
 PREVIEW_NS, PREVIEW_PX, _QUALITY = 1_000_000_000, 405, 60
@@ -86,6 +85,7 @@ class NodeService:
             formats = f"the tracker's format is {setup['format']}, this is {NODE_FORMAT}"
             raise NodeError(f"{formats}: expected the same vsense on both computers")
         self.tracker, self.session = int(setup["tracker"]), int(setup["session"])
+        self._setup = {**setup, "session": 0}
         self.cameras, searches, plan = seen_by(setup["tracking"])
         self.numbers = {camera.id: number for number, camera in enumerate(self.cameras)}
         self.heard_ns = clock()
@@ -93,12 +93,11 @@ class NodeService:
         self._families = families_of(searches)
         self._clock, self._prediction = clock, Prediction(plan)
         self._recordings: list[CameraRecording] = []
-        self._images: list[OrderedDict[int, Image]] = [OrderedDict() for _ in self.cameras]
+        self._images = [OrderedDict[int, Image]() for _ in self.cameras]
         self._reading = [threading.Lock() for _ in self.cameras]
         self._checked_ns = -CHECK_NS
         heights_m = {tag: h for search in searches for tag, h in search.heights_m.items()}
-        self._health = Health(self.cameras, heights_m)
-        self._workers = Workers(2)
+        self._workers, self._health = Workers(2), Health(self.cameras, heights_m)
         sees = {c.id: search for c, search in zip(self.cameras, searches, strict=True)}
         self._detector = CameraDetectors(sees, self._prediction, self._workers)
         self.grabber: Grabber | None = None
@@ -120,6 +119,13 @@ class NodeService:
             self.grabber = live_grabber(resources, grabbers, sizes_px, self._clock)
         else:
             self._recordings = [open_recording(resources, spec) for spec in specs]
+
+    def goes_on(self, setup: dict[str, Any]) -> bool:
+        """Begins another session if it is for the same, after a silence: cameras stay open."""
+        if {**setup, "session": 0} != self._setup:
+            return False
+        self.session, self.newest, self.heard_ns = int(setup["session"]), None, self._clock()
+        return True
 
     def answer(self) -> bytes:
         """What the tracker is told when it has begun."""
@@ -145,7 +151,7 @@ class NodeService:
     def preview(self, image: Image) -> bytes:
         """Returns a coarse JPEG of a picture (h, w)."""
         height, width = image.shape
-        size = (PREVIEW_PX, max(round(height * PREVIEW_PX / width), 1))
+        size = PREVIEW_PX, max(round(height * PREVIEW_PX / width), 1)
         small = cv2.resize(image, size, interpolation=cv2.INTER_AREA) if width > size[0] else image
         return cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
 
@@ -224,16 +230,10 @@ class CameraNode:
         clock: Callable[[], int],
         say: Callable[[str], None],
     ) -> None:
-        """Opens the network.
+        """Opens the network; UsageError or VsenseError where Zenoh is missing or does not begin.
 
-        Args:
-            resources: What it has.
-            name: What the tracker's resources file calls it.
-            clock: The host's monotonic clock [ns].
-            say: Takes a line for a person; any thread.
-
-        Raises:
-            UsageError, VsenseError: Zenoh is missing, or does not begin.
+        `resources` are what it has, `name` is what the tracker calls it, `clock` is the host's
+        [ns]; `say` takes a line for a person, from any thread.
         """
         teach_opencv()
         cv2.setNumThreads(1)
@@ -270,11 +270,9 @@ class CameraNode:
             live = service is not None and service.grabber is not None
             try:
                 self._open(self._queries.get(timeout=0.0 if live else POLL_S))
-                continue
             except queue.Empty:
-                pass
-            if live and service is not None:
-                self._serve(service)
+                if live and service is not None:
+                    self._serve(service)
 
     def close(self) -> None:
         """Leaves the network and lets the cameras go."""
@@ -291,22 +289,23 @@ class CameraNode:
             held = present is not None and self._clock() - present.heard_ns < HOLD_NS
             if held and present is not None and present.tracker != setup["tracker"]:
                 raise VsenseError("serves another tracker")
-            self._drop()
-            self._service = NodeService(setup, self._resources, self._clock)
+            if present is None or not present.goes_on(setup):
+                self._drop()
+                present = self._service = NodeService(setup, self._resources, self._clock)
+                names = ", ".join(camera.id for camera in present.cameras)
+                self._say(f"looks for a tracker: {names}")
         except VsenseError as error:
             refuse(query, str(error))
             return
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             refuse(query, f"asked for what is no setup of a tracker: {error!r}")
             return
-        names = ", ".join(camera.id for camera in self._service.cameras)
-        self._say(f"looks for a tracker: {names}")
-        reply(query, self._service.answer())
+        reply(query, present.answer())
 
     def _drop(self) -> None:
-        service, self._service = self._service, None
-        if service is not None:
-            service.close()
+        if self._service is not None:
+            self._service.close()
+        self._service = None
 
     def _serve(self, service: NodeService) -> None:
         """Waits for a timestep's pictures, looks at them and says what is there."""
@@ -383,7 +382,7 @@ class CameraNode:
         return lambda query: threads.submit(answer, query)
 
     def _read(self, service: NodeService, question: bytes) -> bytes:
-        session, number, place = (int(n) for n in parse_json(question.decode()))
+        session, number, place = map(int, parse_json(question.decode()))
         if session != service.session:
             raise VsenseError("asked in another session")
         return service.preview(service.read(number, place))
