@@ -19,13 +19,23 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from tests.faults import node_costs
 from tests.faults.relay import Relay, Weather, address
+from tests.rigs.four_cameras import write_recording
 from tests.rigs.namespaces import Namespaces
-from tests.rigs.nodes import CAMERAS, PERIOD_NS, RunningNode, Watched, central_file, draw
+from tests.rigs.nodes import (
+    CAMERAS,
+    PERIOD_NS,
+    RunningNode,
+    Watched,
+    central_file,
+    draw,
+    tracked,
+)
 from tests.rigs.places import ROOT
 from tests.rigs.processes import free_port
 from vsense.base.clock import host_ns
@@ -226,6 +236,43 @@ def short() -> dict[str, object]:
         return {"faults": [asdict(made.kill(1.0)), asdict(made.late(lasts_s=1.5))]}
 
 
+def same_bits(source: Path, folder: Path) -> str:
+    """Tracks the public four-camera recording here, and with each camera on a node of its own."""
+    resources, where = write_recording(source, folder), f"tcp/127.0.0.1:{free_port()}"
+    expected = tracked(resources, None, [])
+    central = central_file(resources, where, NAMES, "node_recording")
+    with ExitStack() as stack:
+        for name in NAMES:
+            stack.callback(RunningNode(name, resources, where).stop)
+        states = tracked(central, None, [])
+    same = sum(one == other for one, other in zip(states, expected, strict=True))
+    named = sum(int(str(state[2])) for state in states)
+    return (
+        f"{same} of {len(states)} timesteps have every bit of one computer; {named} markers named"
+    )
+
+
+def table(report: dict[str, Any]) -> str:
+    """The report for a person."""
+    lines = [f"{'':32}  told s  back s  left out  lost  nobody's"]
+    for fault in report["faults"]:
+        told = "-" if fault["told_s"] is None else f"{fault['told_s']:.2f}"
+        shares = f"{fault['left_out']:4} of {fault['timesteps']:<3}"
+        lines.append(
+            f"{fault['fault']:32}  {told:>6}  {fault['back_s']:6.2f} {shares} {fault['lost']:5}"
+            f" {fault['missing']:9}"
+        )
+    drift = report["drift"]
+    lines.append(
+        f"{DRIFT_PPM:g} ppm, {AHEAD_S:g} s ahead: {drift['pictures']} pictures, dated wrong by at"
+        f" most {drift['worst_ms']:.2f} ms, {drift['beyond_bound']} beyond their bound (median"
+        f" {drift['bound_median_ms']:.2f} ms)"
+    )
+    for code, after_s, words in report["memory"]:
+        lines.append(f"without memory: exit code {code} after {after_s:.1f} s: {words}")
+    return "\n".join(lines)
+
+
 def inside(options: argparse.Namespace) -> int:
     """What runs in namespaces of its own."""
     if options.short:
@@ -238,7 +285,7 @@ def inside(options: argparse.Namespace) -> int:
             "drift": made.drift(20.0),
             "memory": [made.hungry(mega << 20) for mega in (4, 26, 80, 600)],
         }
-    print(json.dumps(report, indent=2))
+    print(json.dumps(report, indent=2) if options.json else table(report))
     return 0
 
 
@@ -246,10 +293,19 @@ def main(words: Sequence[str] | None = None) -> int:
     """Parses the command's words; starts what they say in namespaces of its own."""
     parser = argparse.ArgumentParser(prog="scripts/bench nodes", description=__doc__)
     parser.add_argument("--short", action="store_true", help="the essential, as the suite has it")
+    parser.add_argument("--json", action="store_true", help="the report as one JSON object")
+    text = (
+        "the public recording's folder (tests/rigs/four_cameras.py): every bit as on one computer?"
+    )
+    parser.add_argument("--four-cameras", type=Path, metavar="FOLDER", help=text)
     parser.add_argument("--costs", action="store_true", help="latency, bytes, processor time")
     options = parser.parse_args(words)
     if INSIDE in os.environ:
         return inside(options)
+    if options.four_cameras is not None:
+        with tempfile.TemporaryDirectory() as folder:
+            print(same_bits(options.four_cameras, Path(folder)))
+        return 0
     if options.costs:
         with tempfile.TemporaryDirectory() as folder:
             print(json.dumps(node_costs.run(Path(folder)), indent=2))

@@ -188,9 +188,12 @@ def all_of(state: ArenaState) -> tuple[object, ...]:
     return (*(getattr(state, name) for name in names), *(array.tobytes() for array in arrays))
 
 
-def tracked(resources: Path, experiment: Path, told: list[str]) -> list[tuple[object, ...]]:
+def tracked(resources: Path, experiment: Path | None, told: list[str]) -> list[tuple[object, ...]]:
     """Tracks a recording to its end: every bit of each state, and of what was found for it."""
-    session = tracking_session.load(resources, experiment)
+    if experiment is None:
+        session = tracking_session.load_whole(resources)
+    else:
+        session = tracking_session.load(resources, experiment)
     tracking = open_tracking(session, host_ns, told.append)
     try:
         return list(_states(tracking))

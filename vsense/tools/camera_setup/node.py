@@ -51,7 +51,10 @@ def run(options: NodeOptions, clock: Callable[[], int] = host_ns) -> int:
     for option, word in (("--name", name), ("--arena", options.arena)):
         if not NODE_NAME.fullmatch(word):
             raise UsageError(f"{option}: {word[:40]!r}: expected letters, digits, '_', '.', '-'")
-    connect = tuple(map(check_endpoint, options.connect))
+    try:
+        connect = tuple(map(check_endpoint, options.connect))
+    except UsageError as error:
+        raise UsageError(f"--connect: {error}") from None
     network = NodeNetwork((), connect, options.config, options.arena)
     resources = resources_file.load(options.resources)
     console = Console()
