@@ -123,7 +123,7 @@ class NodeLink:
         """Listens to a node, and asks it for nothing yet; `session` is Zenoh's.
 
         `data` is the tracker that its cameras are for, `grabbers` are the node's names of them;
-        `quickest_ns` says how old rows of the quickest node are; `clock` is the host's [ns].
+        `quickest_ns` says how old rows of its quickest peer are; `clock` is the host's [ns].
         """
         self.name, self.live = name, live
         self.cameras, self.searches, _ = seen_by(data)

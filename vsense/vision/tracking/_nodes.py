@@ -12,6 +12,7 @@ import json
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,7 @@ from vsense.vision.cameras.picture import Image, LatePicture, PictureError
 from vsense.vision.cameras.source import Shot, Source, silence_s
 from vsense.vision.tracking._detector import Detector
 from vsense.vision.tracking._joining import UnlistedTags
-from vsense.vision.tracking._node_link import NodeLink
+from vsense.vision.tracking._node_link import OLD_NS, NodeLink
 from vsense.vision.tracking._node_rows import decode_rows
 from vsense.vision.tracking._prediction import Prediction
 from vsense.vision.tracking._workers import Picture
@@ -86,7 +87,9 @@ class Nodes:
             data = of_session(replace(session, views=tuple(group)))
             about = data, [view.grabber.source for view in group], session.is_live
             where = self._zenoh, network.arena, name
-            link = self.links[name] = NodeLink(*where, *about, clock, self._quickest_ns)
+            link = self.links[name] = NodeLink(
+                *where, *about, clock, partial(self._quickest_ns, name)
+            )
             self._places.update((id, (link, number)) for number, id in enumerate(ids))
         here = node_key(network.arena, "*", "here")
         lively = self._zenoh.liveliness()
@@ -149,11 +152,11 @@ class Nodes:
                     raise
                 self._ended.wait(_ASK_AGAIN_S)
 
-    def _quickest_ns(self) -> int:
-        """How old rows usually are when they come from the quickest node."""
+    def _quickest_ns(self, name: str) -> int:
+        """How old rows usually are when they come from the quickest of a node's peers."""
         now_ns = self._clock()
-        known = [link.delay_ns(now_ns) for link in self.links.values()]
-        return min((delay_ns for delay_ns in known if delay_ns is not None), default=0)
+        known = [link.delay_ns(now_ns) for peer, link in self.links.items() if peer != name]
+        return min((delay_ns for delay_ns in known if delay_ns is not None), default=OLD_NS)
 
     def _greet(self, sample: Any) -> None:
         """Tells of nodes that nobody has listed."""
