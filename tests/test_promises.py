@@ -23,6 +23,7 @@ PACKAGES, FUZZ = "studies/packages/test_packages.py::test_", "fuzz/test_bounds.p
 ACCOUNTS = (
     "system/test_two_accounts.py::test_one_member_stops_the_others_run_and_a_stranger_does_not"
 )
+NODES = "vision/tracking/test_node_attacks.py::test_"
 SEARCH, RIG = "system/test_key_search.py::test_in_a_", "faults/test_faults.py::test_"
 
 PROMISES: Mapping[str, Tests] = {
@@ -101,6 +102,16 @@ PROMISES: Mapping[str, Tests] = {
         "robots/test_service.py::test_the_daemon_keeps_the_guards_capabilities_alone",
         "robots/test_service.py::test_systemd_calls_the_service_bounded",
     ),
+    "Of what comes under the name of a camera's node": (
+        f"{NODES}garbage_and_other_versions_are_refused_and_cost_nothing_else",
+        f"{NODES}rows_that_were_heard_count_once",
+        f"{NODES}rows_of_other_times_and_sessions_are_refused",
+        f"{NODES}a_node_that_nobody_has_listed_gives_nothing",
+        "vision/tracking/test_node_rows.py::test_any_bytes_are_rows_or_one_error",
+    ),
+    "With certificates only nodes": (
+        f"{NODES}the_pages_certificates_let_the_labs_nodes_in_and_nobody_else",
+    ),
     "No dependency has a known advisory": (
         "packaging/test_release.py::test_it_works_at_exactly_its_lower_bounds",
     ),
@@ -143,6 +154,10 @@ PORTS: Mapping[str, tuple[str, Tests]] = {
             "test_defect_7_bytes_that_are_no_state_cost_the_connection_only",
             "robots/link/test_arena_client.py::test_defect_1_a_state_in_single_bytes_is_whole",
         ),
+    ),
+    "nodes of cameras": (
+        "",  # Zenoh listens
+        (f"{NODES}the_pages_certificates_let_the_labs_nodes_in_and_nobody_else",),
     ),
     "GigE cameras": (
         "",

@@ -34,6 +34,7 @@ SECTIONS: dict[str, tuple[str, ...]] = {
     "In the lab": (
         "vsense/tools/camera_setup/README.md",
         "vsense/vision/tracking/README.md",
+        "vsense/vision/tracking/NODES.md",
         "reference/tracking_files.md",
         "vsense/tools/robot_calibration/README.md",
         "vsense/modes/live/README.md",

@@ -58,6 +58,7 @@ NEEDS = {
     "argcomplete": ("completion bash",),
     "lupa": ("sim lua.argos", "lab lua.argos --port 0", "run lua.argos --tracker lines --port 0"),
     "optuna": ("optimize foraging --vary foraging.release=0..1 --maximize items_home",),
+    "zenoh": ("camera node resources.xml --connect tcp/127.0.0.1:7447",),
     "ziglang": (
         *(
             "robot build --controller foraging --target epuck",

@@ -23,9 +23,10 @@ from vsense.vision.tracking.specs import TrackerSpec
 
 XS = "{http://www.w3.org/2001/XMLSchema}"
 
-RESOURCES = """<arena_tracking_system>
+RESOURCES = """<arena_tracking_system><nodes listen="tcp/0.0.0.0:7447" config="z.json5" />
 <grabbers><grabber id="d" type="directory" path="." />
 <grabber id="c" type="camera" device="0" />
+<grabber id="n" type="node" node="west" frame_rate="10" />
 <grabber id="g" type="genicam" device="10.0.0.5" frame_rate="10" packet_size="1500"
 pixel_format="Mono8"><feature name="BlackLevelRaw" value="0" /></grabber></grabbers>
 <trackers><tracker id="t" tags="1 2"><robots tags="2" robot_height="1" /></tracker></trackers>

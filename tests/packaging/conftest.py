@@ -21,6 +21,7 @@ EXTRAS = (
     "learn",
     "lua",
     "notebook",
+    "nodes",
     "optimize",
     "record",
     "report",

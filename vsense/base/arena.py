@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,15 +96,36 @@ UNNAMED = -1
 """The tag of a detection whose number could not be read."""
 
 
+UNLISTED = np.dtype([("tag", "<i4"), ("x_m", "<f8"), ("y_m", "<f8")])
+"""A tag that is on no roster, and where in the arena a camera has read it."""
+
+
+class Found(NamedTuple):
+    """What was found in a picture on the computer that took it.
+
+    Attributes:
+        rows: DETECTION.
+        full: Whether it held more than the detector's tables.
+        unlisted: UNLISTED.
+    """
+
+    rows: NDArray[np.void]
+    full: bool
+    unlisted: NDArray[np.void]
+
+
 @dataclass(frozen=True, slots=True)
 class Frame:
     """One picture of one camera.
 
     Attributes:
-        image: (height, width) uint8, grey.
+        image: (height, width) uint8, grey; of a camera on another computer a coarse one, or none:
+            all black.
         timestep: The trigger that the picture belongs to.
         capture_ns: Middle of the exposure.
         ready_ns: When the last pixel was in memory.
+        place: Which picture of its recording it is.
+        found: What another computer has found in it; None: it is to be looked at.
     """
 
     camera: str
@@ -112,6 +133,8 @@ class Frame:
     timestep: int
     capture_ns: int
     ready_ns: int
+    place: int = 0
+    found: Found | None = None
 
 
 @dataclass(frozen=True, slots=True)

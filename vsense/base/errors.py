@@ -28,6 +28,7 @@ EXTRAS = {
     "scipy": "report",
     "serial": "thymio",
     "thymiodirect": "thymio",
+    "zenoh": "nodes",
     "ziglang": "robot",
     "zstandard": "record",
 }

@@ -50,6 +50,7 @@ COMMANDS = {
     "camera init": ("cameras", "write the configuration files for the cameras that are there"),
     "camera shoot": ("cameras", "take pictures of a board with all cameras"),
     "camera pretend": ("cameras", "render cameras above emulated robots, to rehearse without any"),
+    "camera node": ("cameras", "look at this computer's cameras for a tracker on another one"),
     "camera markers": ("markers", "draw markers to print and cut out, or find them in pictures"),
     "camera calibrate": ("calibrate", "from pictures of a board to camera files; check them"),
     "camera arena": ("arena", "move the arena's frame onto the real walls"),

@@ -13,7 +13,8 @@ from vsense.config.experiment import first_robots, load, of_folder
 from vsense.config.placement import settle
 from vsense.config.resources import EXPOSURE_RANGE_US, GAIN_RANGE, RATES_HZ, SIDES_PX
 from vsense.config.specs import LINES_PORT, Stage
-from vsense.tools.camera_setup import files, shooting, showing, tuning
+from vsense.tools.camera_setup import files, node, shooting, showing, tuning
+from vsense.tools.camera_setup.node import NodeOptions
 from vsense.tools.camera_setup.shooting import ShootOptions
 from vsense.tools.camera_setup.showing import ShowOptions
 from vsense.tools.camera_setup.tuning import SPEED_M_S, TuneOptions
@@ -124,6 +125,24 @@ def _add_shoot(parser: argparse.ArgumentParser) -> None:
     _add_json(parser)
 
 
+def _add_node(parser: argparse.ArgumentParser) -> None:
+    text = "the resources file of this computer: the tracker's names its grabbers"
+    parser.add_argument("resources", metavar="RESOURCES", help=text)
+    parser.add_argument(
+        "--connect",
+        action="append",
+        required=True,
+        metavar="ADDRESS",
+        help="where the tracker or a router listens, such as tcp/10.0.0.2:7447 or tls/...",
+    )
+    text = "as the tracker's resources file calls this node (default: this computer's name)"
+    _arguments.option(parser, "--name", str, "NAME", text)
+    text = "the tracker's arena, where several share a router (default: arena)"
+    _arguments.option(parser, "--arena", str, "NAME", text, "arena")
+    text = "Zenoh's own configuration (JSON5): certificates, access, whatever it can"
+    _arguments.option(parser, "--config", Path, "FILE", text)
+
+
 def _add_camera(parser: argparse.ArgumentParser) -> None:
     """Declares which camera is meant, and what it is asked for."""
     parser.add_argument("id", metavar="ID", help=_ID)
@@ -150,6 +169,7 @@ _ACTIONS = {
     "init": _add_init,
     "shoot": _add_shoot,
     "pretend": _add_pretend,
+    "node": _add_node,
 }
 """What declares each action's arguments."""
 
@@ -177,6 +197,7 @@ def run(options: argparse.Namespace) -> int:
         "init": lambda: files.init(options.directory, options.force),
         "shoot": lambda: shooting.run(_arguments.fill(ShootOptions, options)),
         "pretend": lambda: _pretend(options),
+        "node": lambda: node.run(_arguments.fill(NodeOptions, options)),
     }
     try:
         return actions[options.command]()

@@ -24,12 +24,15 @@ from vsense.vision.cameras.source import (
     attribute_of,
 )
 from vsense.vision.markers.families import FamilyError, MarkerFamily, SquareFamily, load_family
+from vsense.vision.tracking.node_session import NODE_NAME, NodeNetwork, check_endpoint
 from vsense.vision.tracking.specs import (
     CAMERA,
     CAMERA_TYPES,
     DIRECTORY,
     GENICAM,
     GRABBER_TYPES,
+    NODE,
+    NODE_TYPES,
     CameraSpec,
     GrabberSpec,
     Resources,
@@ -157,6 +160,7 @@ def read(data: bytes, file: str, folder: Path) -> Resources:
             id: CameraSpec(id, folder / e.text("calibration", None, "a camera file"), e.line)
             for id, e in cameras.items()
         },
+        network=_read_network(root, folder),
     )
     root.check_all_read()
     return resources
@@ -214,6 +218,8 @@ def _read_grabber(id: str, element: Element, folder: Path) -> GrabberSpec:
     kind = element.choice("type", GRABBER_TYPES)
     if kind in CAMERA_TYPES:
         return read_camera_grabber(id, kind, element)
+    if kind in NODE_TYPES:
+        return _read_node_grabber(id, kind, element)
     rate_hz = read_rate_hz(element)
     timestamps = folder / element.text("timestamps") if element.has("timestamps") else None
     if timestamps is not None and rate_hz is not None:
@@ -228,6 +234,42 @@ def _read_grabber(id: str, element: Element, folder: Path) -> GrabberSpec:
         settings=None,
         line=element.line,
     )
+
+
+def _read_node_grabber(id: str, kind: str, element: Element) -> GrabberSpec:
+    node = element.text("node", None, "the name of the node that has it")
+    if not NODE_NAME.fullmatch(node):
+        raise element.error(f"{node[:40]!r} is no name: letters, digits, '_', '.', '-'", "node")
+    rate_hz = read_rate_hz(element)
+    if kind == NODE and rate_hz is None:
+        raise element.error(
+            "is missing, expected pictures per second: by half of that time pictures of several"
+            " computers belong together",
+            "frame_rate",
+        )
+    source = element.text("grabber", id)
+    return GrabberSpec(id, kind, source, None, rate_hz, 0.0, None, element.line, node)
+
+
+def _read_network(root: Element, folder: Path) -> NodeNetwork | None:
+    """Reads where nodes are met."""
+    element = root.optional_child("nodes")
+    if element is None:
+        return None
+    ways = {}
+    for way in ("listen", "connect"):
+        try:
+            addresses = element.text(way).split() if element.has(way) else []
+            ways[way] = tuple(map(check_endpoint, addresses))
+        except UsageError as error:
+            raise element.error(str(error), way) from None
+    if not (ways["listen"] or ways["connect"]):
+        raise element.error("is missing, expected an address such as tcp/0.0.0.0:7447", "listen")
+    arena = element.text("arena", "arena")
+    if not NODE_NAME.fullmatch(arena):
+        raise element.error(f"{arena[:40]!r} is no name: letters, digits, '_', '.', '-'", "arena")
+    config = folder / element.text("config") if element.has("config") else None
+    return NodeNetwork(ways["listen"], ways["connect"], config, arena)
 
 
 def _read_tracker(id: str, element: Element, folder: Path) -> TrackerSpec:

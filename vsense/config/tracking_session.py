@@ -177,7 +177,10 @@ def _read_view(element: Element, resources: Resources) -> CameraTrackerSpec:
     grabber: GrabberSpec = _referred(element, "grabber", resources.grabbers, resources.file)
     camera = _referred(element, "camera", resources.cameras, resources.file)
     tracker: TrackerSpec = _referred(element, "tracker", resources.trackers, resources.file)
-    if not grabber.is_live:
+    if grabber.node and resources.network is None:
+        where = '<nodes listen="tcp/0.0.0.0:7447" />'
+        raise resources.error(grabber.line, f"<grabber> node: expected {where}, where they are met")
+    if not (grabber.is_live or grabber.node):
         check_recording(resources, grabber)
     return CameraTrackerSpec(grabber, load_camera(resources, camera), tracker, element.line)
 
@@ -195,7 +198,8 @@ def _check_together(session: TrackingSession, elements: list[Element]) -> None:
     for view, element in zip(session.views, elements):
         used = [("grabber", view.grabber.id), ("camera", view.camera.id)]
         if view.grabber.is_live:
-            used.append(("grabber", f"the device {view.grabber.source}"))
+            of_node = f" of node {view.grabber.node}" if view.grabber.node else ""
+            used.append(("grabber", f"the device {view.grabber.source}{of_node}"))
         for key, id in used:
             if (key, id) in first:
                 line = first[key, id]

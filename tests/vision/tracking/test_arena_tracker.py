@@ -37,7 +37,7 @@ class Script:
 
     def detect_all(self, pictures: Sequence[Picture]) -> list[Detected]:
         """Reports a scene's (tag, x, y, yaw) where the cameras see them."""
-        return [Detected(self._detect(*picture), False) for picture in pictures]
+        return [Detected(self._detect(p.image, p.camera), False) for p in pictures]
 
     def _detect(self, image: np.ndarray, camera: Camera) -> np.ndarray:
         rows = []

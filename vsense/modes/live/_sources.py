@@ -186,7 +186,21 @@ def _own_cameras(
     own = OwnCameras(session, tracking)
     expect = partial(_check_roster, session=session)
     figures = tracking.figures
-    return SteadySource(kind, name, tracking, experiment.timestep_ns, figures, own, expect=expect)
+    timestep_ns, doubt = experiment.timestep_ns, doubt_of_nodes(session)
+    return SteadySource(kind, name, tracking, timestep_ns, figures, own, doubt, expect)
+
+
+def doubt_of_nodes(session: TrackingSession) -> str:
+    """How other machines could move robots as nodes of cameras; "": they cannot, or none is."""
+    network = session.resources.network
+    if network is None or not any(view.grabber.node for view in session.views):
+        return ""
+    open_to_all = [
+        where
+        for where in (*network.listen, *network.connect)
+        if where.startswith(("tcp/", "udp/")) and not is_loopback(where[4:].rpartition(":")[0])
+    ]
+    return f"{open_to_all[0]}: any program there can be a camera's node" if open_to_all else ""
 
 
 def _check_roster(experiment: Experiment, session: TrackingSession) -> None:

@@ -123,7 +123,7 @@ def run(options: ShootOptions) -> int:
         console = Console()
         sizes_px = _sizes(specs, console)
         session = session_of(options.resources, [s for s in specs if s.id in sizes_px], sizes_px)
-        grabber = live_grabber(session, sizes_px, host_ns)
+        grabber = live_grabber(session.resources, session.grabbers, sizes_px, host_ns)
         stack.callback(grabber.close)
         shoot = ShootingSession(
             [spec.id for spec in specs], options.output, board, grabber, console

@@ -147,7 +147,7 @@ class ShowSession:
         """Shows the camera until it is interrupted; a lost camera is reopened."""
         size_px = self._camera.width_px, self._camera.height_px
         sizes_px = {self._camera.id: size_px}
-        grabber = live_grabber(self._session, sizes_px, host_ns)
+        grabber = live_grabber(self._session.resources, self._session.grabbers, sizes_px, host_ns)
         self._console.say("Ctrl-C ends")
         try:
             while not interrupted.is_set():

@@ -48,6 +48,7 @@ _PURPOSES = {
     "completion": "completion in a shell",
     "foxglove": "runs and replays in Foxglove (--foxglove)",
     "lua": "controllers of ARGoS in Lua",
+    "nodes": "cameras on several computers (vsense camera node)",
     "notebook": "runs that play in notebooks",
     "learn": "learning in simulation (vsense.parallel_env)",
     "optimize": "searches for the best settings (vsense optimize)",

@@ -111,9 +111,10 @@ class FrameTiming:
 
     def capture_ns(self, shot: Shot, arrived_ns: int) -> tuple[int, int]:
         """Returns when a picture was taken [host's ns], and how far the camera's clock jumped."""
-        if shot.stamp_ns is None:
-            self._times_ns.append(arrived_ns)
-            return arrived_ns, 0
+        if shot.capture_ns is not None or shot.stamp_ns is None:
+            known_ns = arrived_ns if shot.capture_ns is None else shot.capture_ns
+            self._times_ns.append(known_ns)
+            return min(known_ns, arrived_ns), 0
         capture_ns, jump_ns = self._clock.capture_ns(shot.stamp_ns, arrived_ns)
         if jump_ns:
             self._times_ns.clear()

@@ -6,10 +6,11 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from vsense.base.arena import Found
 from vsense.base.errors import GrabberError
 from vsense.vision.cameras._lateness import PICTURES, FrameTiming, jump_in_words
 from vsense.vision.cameras._recorded_grabber import wrong_size
-from vsense.vision.cameras.picture import Image, PictureError
+from vsense.vision.cameras.picture import Image, LatePicture, PictureError
 from vsense.vision.cameras.source import FIRST_S, Shot, Source, silence_s
 
 WHOLE = 10
@@ -26,6 +27,7 @@ class TakenPicture:
     image: Image
     capture_ns: int
     ready_ns: int
+    found: Found | None = None
 
 
 class LiveCamera:
@@ -68,7 +70,7 @@ class LiveCamera:
         self._said: set[str] = set()
         self._gone = False
         self._damaged = self._good_since = self._misfits = 0
-        self._frozen = self._reopened = False
+        self._frozen = self._reopened = self._overdue = False
         self.newest: TakenPicture | None = None
         self.present = False
         self.opened = False
@@ -111,10 +113,20 @@ class LiveCamera:
         taken, self.newest = self.newest, None
         return taken
 
+    def leave_out_until(self, capture_ns: int) -> None:
+        """Leaves out a picture that was taken before; to be called with `news` held."""
+        if self.newest is not None and self.newest.capture_ns < capture_ns:
+            self.newest = None
+            self._leave_out("comes after its timestep is done: what it shows is left out")
+
     def _read_picture(self) -> bool:
         """Waits for one picture and checks it; returns whether the camera stays open."""
         try:
             shot = self._source.read()
+        except LatePicture as error:
+            with self._news:
+                self._leave_out(str(error))
+            return True
         except PictureError as error:
             with self._news:
                 self._spoiled(str(error))
@@ -149,6 +161,9 @@ class LiveCamera:
             self._notify("running", "runs again")
             self._frozen = self._reopened = False
         self._good_since += 1
+        if self._overdue and self._good_since >= WHOLE:
+            self._notify("punctual", "comes in time again")
+            self._overdue = False
         if self._damaged and self._good_since >= WHOLE:
             text = f"gives whole pictures again, after {self._damaged} damaged ones"
             self._notify("whole", text)
@@ -156,8 +171,16 @@ class LiveCamera:
         if self._gone:
             self._notify("back", "is back")
         self._gone, self.present = False, True
-        self.newest = TakenPicture(shot.image, capture_ns, self._clock())
+        self.newest = TakenPicture(shot.image, capture_ns, self._clock(), shot.found)
         self._news.notify_all()
+
+    def _leave_out(self, reason: str) -> None:
+        """Skips a picture that came too late; timesteps do not wait for its camera."""
+        self._due_ns = self._clock() + self._silence_ns
+        self._miss()
+        if not self._overdue:
+            self._notify("overdue", reason)
+        self._overdue, self._good_since = True, 0
 
     def _spoiled(self, reason: str) -> None:
         self._due_ns = self._clock() + self._silence_ns

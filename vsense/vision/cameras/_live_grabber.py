@@ -106,6 +106,7 @@ class LiveGrabber:
         trigger: SoftwareTrigger | None = None,
         patience_s: float = LATE_CAMERA_TIMEOUT_S,
         retry_s: float = REOPEN_INTERVAL_S,
+        in_order: bool = False,
     ) -> None:
         """Starts one thread per camera, which opens it and takes pictures.
 
@@ -115,32 +116,37 @@ class LiveGrabber:
             together_s: Pictures taken further apart are not of one timestep; None: they may be.
             patience_s: How long a timestep waits for missing cameras after the first picture.
             retry_s: Time between attempts to open a camera.
+            in_order: A picture of a timestep that is done is left out, and told.
         """
         self._clock = clock
         self._patience_s = patience_s
         self._together_ns = None if together_s is None else round(1e9 * together_s)
         self._trigger = trigger
-        self._timestep = 0
+        self._timestep, self._done_ns, self._in_order = 0, 0, in_order
         self._news = threading.Condition()
         self._ended = threading.Event()
         self._events: deque[CameraEvent] = deque(maxlen=MOST_UNREAD_EVENTS)
-        rates = rates_hz or {}
+        rates, self._retry_s = rates_hz or {}, retry_s
         self._cameras = {
-            c: LiveCamera(
-                s, sizes_px[c], rates.get(c), self._news, partial(self._notify, c), clock, retry_s
-            )
-            for c, s in sources.items()
+            c: self._camera(c, s, sizes_px[c], rates.get(c)) for c, s in sources.items()
         }
-        self._threads = [
-            threading.Thread(target=camera.run, daemon=True) for camera in self._cameras.values()
-        ]
+        runs = [camera.run for camera in self._cameras.values()]
+        self._threads = [threading.Thread(target=run, daemon=True) for run in runs]
         for thread in self._threads:
             thread.start()
+
+    def _camera(
+        self, id: str, source: Source, size_px: tuple[int, int], rate_hz: float | None
+    ) -> LiveCamera:
+        notify = partial(self._notify, id)
+        return LiveCamera(source, size_px, rate_hz, self._news, notify, self._clock, self._retry_s)
 
     def next(self, timeout_s: float) -> Sequence[Frame]:
         """See `Grabber.next`."""
         with self._news:
-            is_fresh = self._news.wait_for(self._any_fresh, timeout_s) and not self._ended.is_set()
+            is_fresh = (
+                self._news.wait_for(self._any_in_time, timeout_s) and not self._ended.is_set()
+            )
             if is_fresh:
                 self._news.wait_for(self._all_fresh, self._patience_s)
             for camera in self._cameras.values():
@@ -189,11 +195,19 @@ class LiveGrabber:
         times_ns = [c.newest.capture_ns for c in self._cameras.values() if c.newest is not None]
         return max(times_ns, default=0) - self._together_ns
 
+    def _any_in_time(self) -> bool:
+        """Whether there is a picture for a timestep; those of one that is done are left out."""
+        if self._in_order and self._together_ns is not None:
+            for camera in self._cameras.values():
+                camera.leave_out_until(self._done_ns + self._together_ns)
+        return self._any_fresh()
+
     def _collect(self) -> list[Frame]:
         oldest_ns = self._oldest_ns()
+        self._done_ns = max(self._done_ns, oldest_ns + (self._together_ns or 0))
         taken = {c: camera.pop() for c, camera in self._cameras.items()}
         return [
-            Frame(c, t.image, self._timestep, t.capture_ns, t.ready_ns)
+            Frame(c, t.image, self._timestep, t.capture_ns, t.ready_ns, found=t.found)
             for c, t in taken.items()
             if t is not None and t.capture_ns >= oldest_ns
         ]

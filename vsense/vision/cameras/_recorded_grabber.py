@@ -294,7 +294,8 @@ class RecordedGrabber:
                 self._report(camera, "size", wrong_size(image, self._sizes_px[camera]))
                 continue
             capture_ns = self._taken[camera][place].capture_ns
-            frames.append(Frame(camera, image, moment.timestep, capture_ns, self._clock()))
+            now_ns = self._clock()
+            frames.append(Frame(camera, image, moment.timestep, capture_ns, now_ns, place))
         return frames
 
     def _report(self, camera: str, kind: str, text: str) -> None:

@@ -75,6 +75,7 @@ ENDS = {
     "clear": ("crowded",),
     "timely": ("late",),
     "dated": ("untimely",),
+    "punctual": ("overdue",),
 }
 """The events that end lasting kinds of trouble; all other kinds are over at once."""
 

@@ -11,7 +11,7 @@ covered; most of them decide.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import combinations
 
 import cv2
@@ -207,8 +207,15 @@ def marker_places(
 class Health:
     """Watches all cameras of an arena."""
 
-    def __init__(self, cameras: Sequence[Camera], heights_m: Mapping[int, float]) -> None:
+    def __init__(
+        self,
+        cameras: Sequence[Camera],
+        heights_m: Mapping[int, float],
+        elsewhere: Collection[str] = (),
+    ) -> None:
+        """Watches cameras; at pictures of those `elsewhere` another computer looks."""
         self._heights_m = heights_m
+        self._elsewhere = elsewhere
         self._rig = {c.id: c for c in cameras}
         self._cameras = {c.id: CameraHealth(c) for c in cameras}
         self._delays = CameraDelays()
@@ -236,10 +243,13 @@ class Health:
         events: list[CameraEvent] = []
         for frame in frames:
             camera = self._cameras[frame.camera]
-            events += camera.update(frame.image) + camera.count(frame.camera in overflowed)
+            if frame.camera not in self._elsewhere:
+                events += camera.update(frame.image)
+            events += camera.count(frame.camera in overflowed)
             events += camera.date((off_ns or {}).get(frame.camera, 0))
-        for _ in range(min(CHECKS, len(frames))):
-            frame = frames[self._turn % len(frames)]
+        here = [frame for frame in frames if frame.camera not in self._elsewhere]
+        for _ in range(min(CHECKS, len(here))):
+            frame = here[self._turn % len(here)]
             self._turn += 1
             rows = detections.get(frame.camera)
             events += self._cameras[frame.camera].check_place(frame.image, rows)

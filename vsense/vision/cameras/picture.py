@@ -32,6 +32,10 @@ class PictureError(GrabberError):
     """A picture that cannot be used; the next one may be good."""
 
 
+class LatePicture(PictureError):
+    """A picture that came too long after the others of its timestep."""
+
+
 def to_grey(image: NDArray[Any]) -> Image:
     """Returns the (h, w) uint8 grey picture of an OpenCV image, uint8 or uint16.
 

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Protocol
 
+from vsense.base.arena import Found
 from vsense.vision.cameras.picture import Image
 
 
@@ -47,11 +48,16 @@ class Shot:
             to.
         stamp_ns: Capture time by the camera's own clock, with any zero; None: it has none.
         arrived_ns: When its first bytes came, by the host's monotonic clock; None: unknown.
+        capture_ns: Capture time by the host's monotonic clock, where somebody measures how the
+            clocks differ; None: it follows from the two others.
+        found: See `Frame`.
     """
 
     image: Image
     stamp_ns: int | None = None
     arrived_ns: int | None = None
+    capture_ns: int | None = None
+    found: Found | None = None
 
 
 class Source(Protocol):

@@ -328,22 +328,27 @@ def known_families() -> tuple[str, ...]:
 
 def load_family(name: str) -> MarkerFamily | SquareFamily:
     """Reads a shipped family by its name, or a .json definition by its path; raises FamilyError."""
+    return parse_family(name if name.endswith(".json") else f"{name}.json", definition_of(name))
+
+
+def definition_of(name: str) -> str:
+    """Reads the text of a shipped family's definition, or of a .json file; raises FamilyError."""
     if name.endswith(".json"):
         try:
-            text = read_text(Path(name))
+            return read_text(Path(name))
         except OSError as error:
             raise FamilyError(f"{name}: {error.strerror}") from None
         except UnicodeDecodeError:
             raise FamilyError(f"{name}: is no text") from None
-        return _parse(name, text)
     if name not in known_families():
         hint = instead(name, known_families(), "known are")
         raise FamilyError(f"marker family {name!r} is not known; {hint}")
     file = resources.files(__package__) / "families" / f"{name}.json"
-    return _parse(file.name, file.read_text(encoding="utf-8"))
+    return file.read_text(encoding="utf-8")
 
 
-def _parse(file: str, text: str) -> MarkerFamily | SquareFamily:
+def parse_family(file: str, text: str) -> MarkerFamily | SquareFamily:
+    """Makes a family of a definition, which `file` names in errors; raises FamilyError."""
     try:
         values: dict[str, Any] = parse_json(text)
         kind = values.get("kind", "arrow")

@@ -36,6 +36,13 @@ class Detector(Protocol):
         """Returns what is in each of a timestep's pictures."""
 
 
+class DetectorMaker(Protocol):
+    """What has pictures that are not here."""
+
+    def detectors(self, prediction: Prediction) -> Mapping[str, Detector]:
+        """Returns the detectors of its cameras, by their ids."""
+
+
 class ArrowDetector(MarkerDetector):
     """Finds the arrows of one family and names those of a roster.
 
@@ -145,15 +152,24 @@ class CameraDetectors:
     """A detector that finds in each camera's pictures what is looked for there.
 
     `sees` has each camera's search by its id; cameras with the same search share a detector.
+    `others` has the detectors of those that are not to be searched here.
     """
 
     def __init__(
-        self, sees: Mapping[str, MarkerSearch], prediction: Prediction, workers: Workers
+        self,
+        sees: Mapping[str, MarkerSearch],
+        prediction: Prediction,
+        workers: Workers,
+        others: Mapping[str, Detector] | None = None,
     ) -> None:
-        searches = {id(search): search for search in sees.values()}
+        others = others or {}
+        searches = {id(search): search for camera, search in sees.items() if camera not in others}
         built = {key: detector_of(search, prediction, workers) for key, search in searches.items()}
-        self._detectors = {camera: built[id(search)] for camera, search in sees.items()}
-        self._distinct = list(built.values())
+        self._detectors: dict[str, Detector] = {
+            camera: others[camera] if camera in others else built[id(search)]
+            for camera, search in sees.items()
+        }
+        self._distinct = list({id(d): d for d in self._detectors.values()}.values())
 
     def detect_all(self, pictures: Sequence[Picture]) -> list[Detected]:
         """See `Detector.detect_all`."""

@@ -7,7 +7,7 @@ order of the threads changes nothing.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from statistics import median
 
@@ -101,6 +101,12 @@ class Prediction:
         expected: EXPECTED, sorted by tag.
         unlisted: By the camera's id, tags in the timestep's picture that are on no roster.
         joined: By the family's name, the tags that have joined the roster, in their order.
+        turns: By the camera's id, how many of its pictures were key frames, and its place among
+            the cameras. Each counts its own: a slower one would else miss its turn each time.
+        known: KNOWN, sorted by tag: what the next timestep is expected from.
+        gone: Whether a robot of the roster is nowhere to be expected, as another computer knows
+            it; None: as `expected` says.
+        learned: Called when a timestep has been learned, and who has joined is known.
     """
 
     plan: SearchPlan = field(default_factory=SearchPlan)
@@ -111,17 +117,47 @@ class Prediction:
     anonymous: dict[str, Anonymous] = field(default_factory=dict)
     unlisted: dict[str, UnlistedTags] = field(default_factory=dict)
     joined: dict[str, tuple[int, ...]] = field(default_factory=dict)
-    _last_seen: NDArray[np.void] = field(default_factory=lambda: np.zeros(0, dtype=KNOWN))
+    turns: dict[str, int] = field(default_factory=dict)
+    known: NDArray[np.void] = field(default_factory=lambda: np.zeros(0, dtype=KNOWN))
+    gone: bool | None = None
+    learned: Callable[[], None] = lambda: None
     _timesteps: int = 0
 
-    def expect(self, capture_ns: int) -> None:
-        """Prepares a timestep: robots go on as they moved."""
-        self.is_key_frame = self._timesteps % self.plan.key_frame_period == 0
+    def expect(self, capture_ns: int, cameras: Iterable[str] = ()) -> None:
+        """Prepares a timestep with pictures of `cameras`."""
+        self.is_key_frame = self.is_next_key_frame
         self._timesteps += 1
+        for camera in cameras if self.is_key_frame else ():
+            self.turns[camera] = self.turns.get(camera, len(self.turns)) + 1
+        self.foresee(capture_ns)
+
+    @property
+    def is_next_key_frame(self) -> bool:
+        """Whether whole pictures are searched in the next timestep."""
+        return self._timesteps % self.plan.key_frame_period == 0
+
+    def tell(self, learned: Callable[[], None]) -> None:
+        """Has somebody called when a timestep has been learned, and who has joined is known."""
+        self.learned = learned
+
+    def adopt(
+        self,
+        known: NDArray[np.void],
+        heights_m: Mapping[int, float],
+        is_key_frame: bool,
+        gone: bool | None,
+        joined: dict[str, tuple[int, ...]],
+    ) -> None:
+        """Takes over what the tracker on another computer knows; see the attributes."""
+        self.known, self.heights_m, self.joined = known, heights_m, joined
+        self.is_key_frame, self.gone = is_key_frame, gone
+
+    def foresee(self, capture_ns: int) -> None:
+        """Has the robots go on as they moved."""
         self.capture_ns = capture_ns
         self.unlisted.clear()
-        elapsed = np.maximum(1e-9 * (capture_ns - self._last_seen["capture_ns"]), 0.0)
-        recent, elapsed = self._last_seen[elapsed < _LOST_S], elapsed[elapsed < _LOST_S]
+        elapsed = np.maximum(1e-9 * (capture_ns - self.known["capture_ns"]), 0.0)
+        recent, elapsed = self.known[elapsed < _LOST_S], elapsed[elapsed < _LOST_S]
         way = np.minimum(elapsed, _SURE_S)[:, np.newaxis] * recent["velocity"]
         self.expected = expected = np.zeros(len(recent), dtype=EXPECTED)
         expected["tag"] = recent["tag"]
@@ -137,19 +173,19 @@ class Prediction:
         for name in ("tag", "x_m", "y_m", "yaw_rad"):
             now[name] = seen[name]
         now["capture_ns"], now["sightings"] = state.capture_ns, 1
-        again = is_in(now["tag"], self._last_seen["tag"])
+        again = is_in(now["tag"], self.known["tag"])
         new = np.flatnonzero(again)
-        old = np.searchsorted(self._last_seen["tag"], now["tag"][again])
-        elapsed = 1e-9 * (state.capture_ns - self._last_seen["capture_ns"][old])
+        old = np.searchsorted(self.known["tag"], now["tag"][again])
+        elapsed = 1e-9 * (state.capture_ns - self.known["capture_ns"][old])
         lately = (elapsed > 0.0) & (elapsed < _LOST_S)
-        new, last, elapsed = new[lately], self._last_seen[old[lately]], elapsed[lately]
+        new, last, elapsed = new[lately], self.known[old[lately]], elapsed[lately]
         way = [now[name][new] - last[name] for name in ("x_m", "y_m", "yaw_rad")]
         way[2] = wrap_angle(way[2])
         now["velocity"][new] = np.stack(way, axis=-1) / elapsed[:, np.newaxis]
         now["sightings"][new] = last["sightings"] + 1
-        unseen = self._last_seen[~is_in(self._last_seen["tag"], now["tag"])]
+        unseen = self.known[~is_in(self.known["tag"], now["tag"])]
         rows = np.concatenate((unseen, now))
-        self._last_seen = rows[np.argsort(rows["tag"])]
+        self.known = rows[np.argsort(rows["tag"])]
 
     def in_view(self, cameras: CameraArray, height_m: float) -> Rows:
         """Returns those of `expected` whose middle is in a camera's picture, sorted by the picture.

@@ -19,6 +19,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.arena import Found
 from vsense.vision.cameras._camera_array import Index
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import MarkerFamily, SquareFamily
@@ -154,10 +155,15 @@ Result = TypeVar("Result")
 
 
 class Picture(NamedTuple):
-    """A (height, width) uint8 picture, and the camera that took it."""
+    """A (height, width) uint8 picture, and the camera that took it.
+
+    `place` and `found` are the `Frame`'s.
+    """
 
     image: Image
     camera: Camera
+    place: int = 0
+    found: Found | None = None
 
 
 class Workers:
@@ -260,7 +266,9 @@ class Kernels:
                 return np.zeros(0, dtype=MARKER)
             before = kernel.overflows
             more = 0 if wanted is None else int(wanted[piece])
-            markers = kernel.search(*picture, mine, quick is None or not quick[piece], more)
+            markers = kernel.search(
+                picture.image, picture.camera, mine, quick is None or not quick[piece], more
+            )
             self.full[piece] |= kernel.overflows != before
             return markers
 
@@ -276,7 +284,8 @@ class Kernels:
         def work(worker: int, piece: int) -> NDArray[np.void]:
             number = int(pictures[piece])
             mine = robots.values[robots.picture == number]
-            return self._kernels[worker].follow(*self._pictures[number], mine)
+            picture = self._pictures[number]
+            return self._kernels[worker].follow(picture.image, picture.camera, mine)
 
         markers = self._workers.share(work, len(pictures))
         return gather([np.zeros(0, dtype=MARKER), *markers], np.array([0, *pictures]))

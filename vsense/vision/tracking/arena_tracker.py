@@ -14,7 +14,7 @@ from vsense.base.errors import VsenseError
 from vsense.vision.cameras._camera_array import CameraArray
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import MarkerFamily, SquareFamily
-from vsense.vision.tracking._detector import CameraDetectors, Detector
+from vsense.vision.tracking._detector import CameraDetectors, Detector, DetectorMaker
 from vsense.vision.tracking._joining import Joining, JoinLimits
 from vsense.vision.tracking._prediction import MarkerSearch, Prediction, SearchPlan
 from vsense.vision.tracking._tracks import Limits, RobotTracks
@@ -234,6 +234,7 @@ class ArenaTracker:
         workers: int = 2,
         pin: bool = False,
         offsets: Mapping[int, PlacedMarker] | None = None,
+        elsewhere: DetectorMaker | None = None,
     ) -> ArenaTracker:
         """Returns a tracker; `searches` says for each of `cameras` what is looked for.
 
@@ -241,6 +242,7 @@ class ArenaTracker:
             workers: Threads that search the pictures.
             pin: Keep each on a processor of its own, for a host that does nothing else.
             offsets: By tag, where markers sit on their robots.
+            elsewhere: Makes the detector of cameras whose pictures are on other computers.
 
         Raises:
             FamilyError: A family does not have a tag of its roster.
@@ -249,7 +251,8 @@ class ArenaTracker:
         sees = {camera.id: search for camera, search in zip(cameras, searches, strict=True)}
         prediction = Prediction(plan or SearchPlan())
         threads = Workers(max(1, workers), pin)
-        detector = CameraDetectors(sees, prediction, threads)
+        others = {} if elsewhere is None else elsewhere.detectors(prediction)
+        detector = CameraDetectors(sees, prediction, threads, others)
         heights_m = {tag: height for search in searches for tag, height in search.heights_m.items()}
         return cls(cameras, detector, heights_m, limits, prediction, threads, offsets)
 
@@ -275,11 +278,10 @@ class ArenaTracker:
         Raises:
             TrackingError: A frame is of an unknown camera, or not of that camera's size.
         """
-        gate = self._gate
-        fresh = gate.choose(frames)
-        if not fresh:
+        if not (fresh := self._gate.choose(frames)):
             return self.state
-        self._prediction.expect(now_ns := max(frame.capture_ns for frame in fresh))
+        now_ns = max(frame.capture_ns for frame in fresh)
+        self._prediction.expect(now_ns, [frame.camera for frame in fresh])
         detections = self._detect(fresh)
         taken_by = [self._places[frame.camera] for frame in fresh]
         placed = place_markers(self._array, taken_by, detections, self.heights_m)
@@ -305,6 +307,7 @@ class ArenaTracker:
         markers = self._offsets.to_markers(self.state.robots)
         self._prediction.learn(replace(self.state, robots=markers))
         self._admit(now_ns, sightings)
+        self._prediction.learned()
         return self.state
 
     def _admit(self, now_ns: int, sightings: NDArray[np.void]) -> None:
@@ -331,7 +334,7 @@ class ArenaTracker:
         """Returns each frame's DETECTION array; sets `markers` and `overflowed`."""
         cameras = self._gate.cameras
         pictures = self._detector.detect_all(
-            [Picture(frame.image, cameras[frame.camera]) for frame in frames]
+            [Picture(f.image, cameras[f.camera], f.place, f.found) for f in frames]
         )
         self.markers = {frame.camera: seen.rows for frame, seen in zip(frames, pictures)}
         self.overflowed = tuple(f.camera for f, seen in zip(frames, pictures) if seen.full)

@@ -16,6 +16,7 @@ from vsense.vision.cameras.camera import Camera
 from vsense.vision.cameras.grabber import CameraEvent, Grabber, Troubles
 from vsense.vision.cameras.health import Health
 from vsense.vision.tracking._marker_watch import MarkerWatch
+from vsense.vision.tracking._nodes import Nodes
 from vsense.vision.tracking._views import Floats, ahead_m, heading_px_rad
 from vsense.vision.tracking.arena_tracker import ArenaTracker
 
@@ -43,6 +44,7 @@ class CameraTracking:
     Attributes:
         record: takes the pictures that the tracker is about to be given, in the thread of `next`.
         troubles: what the cameras suffer from.
+        nodes: other computers, which have some of the cameras; None: none has.
     """
 
     def __init__(
@@ -52,8 +54,9 @@ class CameraTracking:
         say: Callable[[str], None],
         troubles: Troubles | None = None,
         check_all: bool = False,
+        nodes: Nodes | None = None,
     ) -> None:
-        """Takes grabber and tracker over.
+        """Takes grabber, tracker and nodes over.
 
         Args:
             say: takes a line about a camera, for a person; any thread, must not wait.
@@ -61,6 +64,7 @@ class CameraTracking:
             check_all: every timestep is checked, as recordings want it: `next` checks what was not
                 checked yet. Otherwise only the newest one is, and not more often than every
                 `CHECK_NS`.
+            nodes: other computers, which have some of the cameras, and look at their pictures.
         """
         self.grabber = grabber
         self.tracker = tracker
@@ -68,7 +72,9 @@ class CameraTracking:
         self.troubles = troubles or Troubles()
         self._say = say
         self._check_all = check_all
-        self._health = Health(tracker.cameras, tracker.heights_m)
+        self.nodes = nodes
+        elsewhere = frozenset[str]() if nodes is None else nodes.cameras
+        self._health = Health(tracker.cameras, tracker.heights_m, elsewhere)
         self._markers = MarkerWatch(tracker.cameras, tracker.heights_m)
         # By camera. The thread of `next` puts in, `check_cameras` takes out.
         self._unchecked: dict[str, _Tracked] = {}
@@ -114,7 +120,7 @@ class CameraTracking:
             frames = self.grabber.next(timeout_s)
         except GrabberError as error:
             with self._checking:
-                self._tell_events(self.grabber.events())
+                self._tell_events(self._events())
             nothing = isinstance(error, NoMorePictures) and self.tracker.state.timestep < 0
             if nothing and self.troubles.counts:
                 raise VsenseError(f"{error}: {self._unusable()}") from None
@@ -133,7 +139,7 @@ class CameraTracking:
         It takes 1 ms of processor time for a camera of two megapixels.
         """
         with self._checking:
-            events = self.grabber.events()
+            events = self._events()
             with self._noting:
                 noted, self._unchecked = self._unchecked, {}
             due = [tracked for tracked in noted.values() if self._is_due(tracked.frame)]
@@ -170,6 +176,12 @@ class CameraTracking:
         """Ends a `next` that waits, lets the cameras go, ends the workers; can be called again."""
         self.grabber.close()
         self.tracker.close()
+        if self.nodes is not None:
+            self.nodes.close()
+
+    def _events(self) -> list[CameraEvent]:
+        """What grabber and nodes have to say of the cameras."""
+        return self.grabber.events() + ([] if self.nodes is None else self.nodes.events())
 
     def _unusable(self) -> str:
         """Says that no picture could be used, and what was wrong with them."""

@@ -85,7 +85,6 @@ class MarkerDetector:
         self._legible_u = legible_blur_u(family)
         self._roster = np.zeros(0, dtype=np.int32)
         self._joined: tuple[int, ...] = ()
-        self._turns: dict[str, int] = {}
         self._unsettled: set[str] = set()
         self._cameras = CameraArray([])
         self._inside_px: Floats = np.zeros(0)
@@ -141,9 +140,12 @@ class MarkerDetector:
         """Searches what the plan says, and fits robots where they must be; returns (n,) MARKER."""
         markers = gather([np.zeros(0, dtype=MARKER)])
         if prediction.is_key_frame:
-            turns = self._take_turns()
-            is_gone = ~is_in(self._roster, prediction.expected["tag"])
-            wanted = np.where((turns % _COVERED == 0) & is_gone.any(), len(self._roster), 0)
+            ids = [camera.id for camera in self._cameras.cameras]
+            turns = np.array([prediction.turns.get(id, 1) for id in ids], dtype=np.intp)
+            is_gone = prediction.gone
+            if is_gone is None:
+                is_gone = not is_in(self._roster, prediction.expected["tag"]).all()
+            wanted = np.where((turns % _COVERED == 0) & is_gone, len(self._roster), 0)
             quick = self._is_quick(prediction, expected, turns)
             markers = self._kernels.search(quick=quick, wanted=wanted)
             markers = self._believed(markers, expected)
@@ -153,22 +155,14 @@ class MarkerDetector:
             followed = each_once(self._kernels.follow(missing))
             lost = missing.picture[~are_near(missing, followed)]
             markers = join(markers, followed)
-            self._unsettled = {self._cameras.cameras[n].id for n in np.unique(lost).tolist()}
+            # What a picture has shown holds until its camera's next one.
+            self._unsettled.difference_update(c.id for c in self._cameras.cameras)
+            self._unsettled |= {self._cameras.cameras[n].id for n in np.unique(lost).tolist()}
         if not prediction.is_key_frame:
             missing = expected.where(~are_near(expected, markers))
             more = self._kernels.search(*self._windows(prediction, missing))
             markers = join(markers, self._believed(more, expected))
         return markers
-
-    def _take_turns(self) -> Index:
-        """Returns (n,) how many of its pictures each camera has had, and its place among them.
-
-        Each counts its own: one with a slower clock would else miss its turn each time.
-        """
-        ids = [camera.id for camera in self._cameras.cameras]
-        for id in ids:
-            self._turns[id] = self._turns.get(id, len(self._turns)) + 1
-        return np.array([self._turns[id] for id in ids], dtype=np.intp)
 
     def _is_quick(self, prediction: Prediction, expected: Rows, turns: Index) -> NDArray[np.bool_]:
         """Tells which pictures need no second look, (n,): what it shows besides is a newcomer.

@@ -6,6 +6,7 @@ This is the factory of the thesis's figure 2.11.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from statistics import median
@@ -30,6 +31,7 @@ from vsense.vision.cameras.grabber import Grabber, Troubles
 from vsense.vision.cameras.source import FREE, SOFTWARE, Controls, GenicamSettings, Source
 from vsense.vision.markers.families import SquareFamily, load_family
 from vsense.vision.tracking._legibility import legibility
+from vsense.vision.tracking._nodes import Nodes
 from vsense.vision.tracking._prediction import MarkerSearch, SearchPlan
 from vsense.vision.tracking._tracks import Limits
 from vsense.vision.tracking.arena_tracker import ArenaTracker
@@ -38,8 +40,8 @@ from vsense.vision.tracking.marker_detector import cell_width_seen
 from vsense.vision.tracking.mask import Mask, outlines_px
 from vsense.vision.tracking.specs import (
     DIRECTORY,
-    CameraTrackerSpec,
     GrabberSpec,
+    Resources,
     TrackerSpec,
     TrackingSession,
 )
@@ -74,13 +76,17 @@ def open_tracking(
     """
     teach_opencv()
     _check_cells(session, say)
-    grabber = _grabber(session, clock, recordings)
-    try:
-        tracker = _tracker(session)
-    except BaseException:
-        grabber.close()
-        raise
-    return CameraTracking(grabber, tracker, say, troubles, not session.is_live)
+    with ExitStack() as stack:
+        nodes = None
+        if any(view.grabber.node for view in session.views):
+            nodes = Nodes(session, clock, say)
+            stack.callback(nodes.close)
+        grabber = _grabber(session, clock, recordings, nodes)
+        stack.callback(grabber.close)
+        tracker = _tracker(session, nodes)
+        tracking = CameraTracking(grabber, tracker, say, troubles, not session.is_live, nodes)
+        stack.pop_all()
+    return tracking
 
 
 def _check_cells(session: TrackingSession, say: Callable[[str], None]) -> None:
@@ -99,12 +105,17 @@ def _check_cells(session: TrackingSession, say: Callable[[str], None]) -> None:
 
 
 def _grabber(
-    session: TrackingSession, clock: Callable[[], int], recordings: str | float
+    session: TrackingSession,
+    clock: Callable[[], int],
+    recordings: str | float,
+    nodes: Nodes | None,
 ) -> Grabber:
     sizes_px = {v.camera.id: (v.camera.width_px, v.camera.height_px) for v in session.views}
     if session.is_live:
-        return live_grabber(session, sizes_px, clock)
-    opened = {v.camera.id: _recording(session, v.grabber) for v in session.views}
+        return live_grabber(session.resources, session.grabbers, sizes_px, clock, nodes)
+    elsewhere = {} if nodes is None else nodes.recordings()
+    here = [view for view in session.views if not view.grabber.node]
+    opened = {v.camera.id: open_recording(session.resources, v.grabber) for v in here} | elsewhere
     recorded = RecordedGrabber(opened, sizes_px, clock)
     if recordings == OFFLINE:
         return recorded
@@ -113,16 +124,17 @@ def _grabber(
     return HeldPlayer(recorded, float(recordings), clock)
 
 
-def _recording(session: TrackingSession, spec: GrabberSpec) -> CameraRecording:
+def open_recording(resources: Resources, spec: GrabberSpec) -> CameraRecording:
+    """Opens a recording of this computer; ConfigError: it cannot be used."""
     kind = DirectoryRecording if spec.type == DIRECTORY else VideoRecording
     start_ns = round(spec.start_s * 1e9)
     try:
         return kind(Path(spec.source), spec.timestamps, start_ns, spec.frame_rate_hz)
     except GrabberError as error:
-        raise session.resources.error(spec.line, f"<grabber> path: {error}") from None
+        raise resources.error(spec.line, f"<grabber> path: {error}") from None
 
 
-def _tracker(session: TrackingSession) -> ArenaTracker:
+def _tracker(session: TrackingSession, nodes: Nodes | None) -> ArenaTracker:
     views = session.views
     mask = session.mask
     searches = {view.tracker.id: _search(view.tracker, mask) for view in views}
@@ -133,6 +145,7 @@ def _tracker(session: TrackingSession) -> ArenaTracker:
         SearchPlan(session.key_frame_period, session.square_size_m),
         pin=True,
         offsets=session.offsets,
+        elsewhere=nodes,
     )
 
 
@@ -158,74 +171,95 @@ def masks_px(session: TrackingSession) -> dict[str, list[list[tuple[float, float
 
 
 def make_source(spec: GrabberSpec, clock: Callable[[], int], links: NetworkLoad) -> Source:
-    """Makes the source of a grabber that is a camera; `links` are the networks of all cameras."""
+    """Makes the source of a grabber that is a camera; `links` are the networks of all cameras.
+
+    GrabberError: it is another computer's.
+    """
+    if spec.node:
+        raise GrabberError(
+            f"{spec.id} is a camera of node {spec.node}: only that computer opens it"
+        )
     if isinstance(spec.settings, GenicamSettings):
         return GenicamSource(spec.source, spec.settings, clock, links)
     return DeviceSource(spec.source, spec.settings or Controls())
 
 
 def live_grabber(
-    session: TrackingSession,
+    resources: Resources,
+    grabbers: Mapping[str, GrabberSpec],
     sizes_px: Mapping[str, tuple[int, int]],
     clock: Callable[[], int],
+    nodes: Nodes | None = None,
 ) -> LiveGrabber:
-    """Starts all cameras of a session whose views are all live; `sizes_px` by the cameras' ids.
+    """Starts cameras, all of them live; `grabbers` and `sizes_px` by the cameras' ids.
 
     Raises:
         ConfigError: the library for them is missing, or they would send more than their network
             carries; names the place in the resources file.
     """
     links = NetworkLoad()
-    _check(session, links)
-    sources = {v.camera.id: make_source(v.grabber, clock, links) for v in session.views}
-    rates_hz = {v.camera.id: v.grabber.frame_rate_hz for v in session.views}
-    triggers = {v.grabber.trigger for v in session.views}
-    rate_hz = session.views[0].grabber.frame_rate_hz
-    if triggers == {FREE} or rate_hz is None:
+    _check(resources, grabbers, sizes_px, links)
+    sources: dict[str, Source] = {}
+    for camera, spec in grabbers.items():
+        at_node = nodes.source(camera, spec) if nodes is not None and spec.node else None
+        sources[camera] = at_node or make_source(spec, clock, links)
+    rates_hz = {camera: spec.frame_rate_hz for camera, spec in grabbers.items()}
+    triggers = {spec.trigger for spec in grabbers.values()}
+    rate_hz = next((rate_hz for rate_hz in rates_hz.values() if rate_hz is not None), None)
+    if (triggers == {FREE} and nodes is None) or rate_hz is None:
         return LiveGrabber(sources, sizes_px, clock, rates_hz)
     trigger = None
     if triggers == {SOFTWARE}:
         triggered = {c: s for c, s in sources.items() if isinstance(s, GenicamSource)}
         trigger = SoftwareTrigger(triggered, rate_hz, clock)
-    return LiveGrabber(sources, sizes_px, clock, rates_hz, 0.5 / rate_hz, trigger)
+    in_order = nodes is not None
+    together_s = 0.5 / rate_hz
+    return LiveGrabber(sources, sizes_px, clock, rates_hz, together_s, trigger, in_order=in_order)
 
 
-def _check(session: TrackingSession, links: NetworkLoad) -> None:
+def _check(
+    resources: Resources,
+    grabbers: Mapping[str, GrabberSpec],
+    sizes_px: Mapping[str, tuple[int, int]],
+    links: NetworkLoad,
+) -> None:
     """Refuses what can be refused before a camera is opened."""
-    genicam = [v for v in session.views if isinstance(v.grabber.settings, GenicamSettings)]
+    genicam = {c: g for c, g in grabbers.items() if isinstance(g.settings, GenicamSettings)}
     if not genicam:
         return
     there: list[ListedCamera] = []
     try:
         aravis.load()
-        if not all(is_address(view.grabber.source) for view in genicam):
+        if not all(is_address(grabber.source) for grabber in genicam.values()):
             there = aravis.listed()
     except aravis.AravisError as error:
-        line = genicam[0].grabber.line
-        raise session.resources.error(line, f"<grabber> type: {error}") from None
+        line = next(iter(genicam.values())).line
+        raise resources.error(line, f"<grabber> type: {error}") from None
     first: dict[str, str] = {}
-    for view in genicam:
-        grabber = view.grabber
+    for camera, grabber in genicam.items():
         addresses = [c.address for c in there if grabber.source in c.names]
         address = grabber.source if is_address(grabber.source) else next(iter(addresses), "")
         if not address:
             continue
         if address in first:
             text = f"{first[address]!r} and {grabber.source!r} are the same camera, at {address}"
-            raise session.resources.error(grabber.line, f"<grabber> device: {text}")
+            raise resources.error(grabber.line, f"<grabber> device: {text}")
         first[address] = grabber.source
-        _claim(session, view, address, links)
+        _claim(resources, grabber, sizes_px[camera], address, links)
 
 
 def _claim(
-    session: TrackingSession, view: CameraTrackerSpec, address: str, links: NetworkLoad
+    resources: Resources,
+    grabber: GrabberSpec,
+    calibrated_px: tuple[int, int],
+    address: str,
+    links: NetworkLoad,
 ) -> None:
-    grabber = view.grabber
     assert isinstance(grabber.settings, GenicamSettings)
-    size_px = grabber.settings.controls.size_px or (view.camera.width_px, view.camera.height_px)
+    size_px = grabber.settings.controls.size_px or calibrated_px
     packet = grabber.settings.packet_size or USUAL_PACKET
     assert grabber.frame_rate_hz is not None
     try:
         links.claim(grabber.source, address, Stream(size_px, grabber.frame_rate_hz, packet))
     except BandwidthError as error:
-        raise session.resources.error(grabber.line, f"<grabber> frame_rate: {error}") from None
+        raise resources.error(grabber.line, f"<grabber> frame_rate: {error}") from None

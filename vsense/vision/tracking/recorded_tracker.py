@@ -12,9 +12,6 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
-from importlib import resources
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import cv2
@@ -24,7 +21,13 @@ from numpy.typing import NDArray
 from vsense import __version__
 from vsense.base.errors import UsageError, VsenseError
 from vsense.vision.cameras.camera import Camera
-from vsense.vision.markers.families import MarkerFamily, SquareFamily, load_family
+from vsense.vision.markers.families import (
+    MarkerFamily,
+    SquareFamily,
+    definition_of,
+    load_family,
+    parse_family,
+)
 from vsense.vision.tracking._joining import _Candidate
 from vsense.vision.tracking._prediction import (
     KNOWN,
@@ -139,20 +142,16 @@ def _tracker(
     family: str, heading_deg: float, heights_m: Mapping[int, float], open_roster: bool
 ) -> Description:
     load_family(family)
-    if family.endswith(".json"):
-        text = Path(family).read_text(encoding="utf-8")
-    else:
-        file = resources.files("vsense.vision.markers") / "families" / f"{family}.json"
-        text = file.read_text(encoding="utf-8")
     return {
-        "family": json.loads(text),
+        "family": json.loads(definition_of(family)),
         "heading_deg": heading_deg,
         "heights_m": [[tag, height_m] for tag, height_m in heights_m.items()],
         "open_roster": open_roster,
     }
 
 
-def _make(data: Description) -> ArenaTracker:
+def seen_by(data: Description) -> tuple[list[Camera], list[MarkerSearch], SearchPlan]:
+    """Returns a description's cameras, what is looked for by each, and how much is searched."""
     cameras = [Camera.from_json(json.dumps(camera)) for camera in data["cameras"]]
     trackers = {id: data["trackers"][id] for id in data["sees"].values()}
     searches = {
@@ -164,13 +163,19 @@ def _make(data: Description) -> ArenaTracker:
         )
         for id, tracker in trackers.items()
     }
-    limits, plan = Limits(**data["limits"]), SearchPlan(**data["plan"])
+    chosen = [searches[data["sees"][camera.id]] for camera in cameras]
+    return cameras, chosen, SearchPlan(**data["plan"])
+
+
+def _make(data: Description) -> ArenaTracker:
+    cameras, searches, plan = seen_by(data)
+    limits = Limits(**data["limits"])
     workers = int(data["workers"])
     if workers > _MOST_WORKERS:
         raise ValueError(f"{workers} workers")
     return ArenaTracker.of_searches(
         cameras,
-        [searches[data["sees"][camera.id]] for camera in cameras],
+        searches,
         limits,
         plan,
         workers,
@@ -182,10 +187,7 @@ def _make(data: Description) -> ArenaTracker:
 
 
 def _family(tracker: Description) -> MarkerFamily | SquareFamily:
-    with TemporaryDirectory() as folder:
-        file = Path(folder) / "family.json"
-        file.write_text(json.dumps(tracker["family"]), encoding="utf-8")
-        family = load_family(str(file))
+    family = parse_family("family.json", json.dumps(tracker["family"]))
     if isinstance(family, SquareFamily):
         return replace(family, heading_deg=family.heading_deg + tracker["heading_deg"])
     return family
@@ -341,7 +343,7 @@ def _restore_view(values: Mapping[str, Any]) -> NDArray[np.void]:
 def _freeze_prediction(prediction: Prediction) -> dict[str, Any]:
     return {
         "timesteps": prediction._timesteps,
-        "known": [_freeze_known(row) for row in prediction._last_seen],
+        "known": [_freeze_known(row) for row in prediction.known],
         "joined": {family: list(tags) for family, tags in prediction.joined.items()},
         "anonymous": {
             camera: {
@@ -361,7 +363,7 @@ def _freeze_prediction(prediction: Prediction) -> dict[str, Any]:
 def _restore_prediction(prediction: Prediction, values: Mapping[str, Any]) -> None:
     prediction._timesteps = int(values["timesteps"])
     rows = np.array([_restore_known(*row) for row in values["known"]], dtype=KNOWN)
-    prediction._last_seen = rows[np.argsort(rows["tag"])]
+    prediction.known = rows[np.argsort(rows["tag"])]
     prediction.joined = {family: tuple(tags) for family, tags in values["joined"].items()}
     prediction.anonymous = {
         camera: Anonymous(

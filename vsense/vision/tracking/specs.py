@@ -15,13 +15,17 @@ from vsense.base.errors import ConfigError
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.cameras.source import FREE, Controls, GenicamSettings
 from vsense.vision.tracking.mask import Mask, MaskError
+from vsense.vision.tracking.node_session import NodeNetwork
 
 DIRECTORY = "directory"
 VIDEO = "video"
 CAMERA = "camera"
 GENICAM = "genicam"
+NODE = "node"
+NODE_RECORDING = "node_recording"
 CAMERA_TYPES = (CAMERA, GENICAM)
-GRABBER_TYPES = (DIRECTORY, VIDEO, *CAMERA_TYPES)
+NODE_TYPES = (NODE, NODE_RECORDING)
+GRABBER_TYPES = (DIRECTORY, VIDEO, *CAMERA_TYPES, *NODE_TYPES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +39,8 @@ class GrabberSpec:
         frame_rate_hz: pictures per second, of a recording without timestamps or wanted of a
             camera; None: what the video or the camera says itself.
         start_s: when the first picture of a recording without timestamps was taken.
-        settings: what a camera is asked for; None: it is a recording.
+        settings: what a camera is asked for; None: it is a recording, or on another computer.
+        node: the other computer that has it, where `source` is the grabber's id; "": it is here.
     """
 
     id: str
@@ -46,6 +51,7 @@ class GrabberSpec:
     start_s: float
     settings: Controls | GenicamSettings | None
     line: int
+    node: str = ""
 
     @classmethod
     def of_camera(
@@ -58,7 +64,7 @@ class GrabberSpec:
     @property
     def is_live(self) -> bool:
         """Whether it is a camera and no recording."""
-        return self.type in CAMERA_TYPES
+        return self.type in (*CAMERA_TYPES, NODE)
 
     @property
     def controls(self) -> Controls:
@@ -107,12 +113,13 @@ class CameraSpec:
 
 @dataclass(frozen=True, slots=True)
 class Resources:
-    """All that a resources file declares, by id."""
+    """All that a resources file declares, by id; `network` is that of cameras' nodes."""
 
     file: str
     grabbers: Mapping[str, GrabberSpec]
     trackers: Mapping[str, TrackerSpec]
     cameras: Mapping[str, CameraSpec]
+    network: NodeNetwork | None = None
 
     def error(self, line: int, message: str) -> ConfigError:
         """Makes the error that something in this file is wrong."""
@@ -220,6 +227,11 @@ class TrackingSession:
     def is_live(self) -> bool:
         """Whether its pictures come from cameras and not from recordings."""
         return any(view.grabber.is_live for view in self.views)
+
+    @property
+    def grabbers(self) -> dict[str, GrabberSpec]:
+        """Where the pictures come from, by the camera's id."""
+        return {view.camera.id: view.grabber for view in self.views}
 
     @property
     def heights_m(self) -> dict[int, float]:
