@@ -142,13 +142,20 @@ def _add_check(steps: Any) -> None:
         description="Holds what the cameras see against points that were measured with a tape, or"
         " against a second board on the floor; prints how far off each camera is, and keeps that"
         " beside the camera files: later runs, recordings and reports show it. --tracking shows"
-        " where cameras cannot read the robots' markers, and needs no points.",
+        " where cameras cannot read the robots' markers, and needs no points. With --pictures alone"
+        " it says which cameras were moved since the calibration, and fails (1) where one was.",
     )
     text = "folder with the camera files in use (default: cameras)"
     _arguments.option(step, "--cameras", Path, "DIR", text, Path("cameras"))
     _add_measured(step)
     _add_second_board(step)
     _add_pictures(step)
+    _arguments.flag(
+        step,
+        "--keep",
+        "make what stands still in these pictures the cameras' references, with which later ones"
+        " and every run's first pictures are compared (vsense camera calibrate rig does it itself)",
+    )
     step.add_argument(
         "--tracking",
         nargs="+",

@@ -275,6 +275,7 @@ class TrackingRun:
         if not control.begun or self._runs.ended == control.run:
             return False
         self.tracking.check_cameras()  # the run's last picture, too
+        self.tracking.stop()
         self._runs.end(self.tracking)
         return True
 

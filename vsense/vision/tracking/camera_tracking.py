@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from vsense.base.arena import ArenaState, Frame
 from vsense.base.errors import GrabberError, NoMorePictures, VsenseError
 from vsense.vision.cameras._paced_grabber import HeldPlayer
+from vsense.vision.cameras._reference import ReferenceWatch
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.cameras.grabber import CameraEvent, Grabber, Troubles
 from vsense.vision.cameras.health import Health
@@ -52,6 +53,7 @@ class CameraTracking:
         say: Callable[[str], None],
         troubles: Troubles | None = None,
         check_all: bool = False,
+        references: ReferenceWatch | None = None,
     ) -> None:
         """Takes grabber and tracker over.
 
@@ -61,6 +63,8 @@ class CameraTracking:
             check_all: every timestep is checked, as recordings want it: `next` checks what was not
                 checked yet. Otherwise only the newest one is, and not more often than every
                 `CHECK_NS`.
+            references: compares cameras with their reference pictures, before the first state is
+                given and after each run; None: nothing does.
         """
         self.grabber = grabber
         self.tracker = tracker
@@ -68,6 +72,9 @@ class CameraTracking:
         self.troubles = troubles or Troubles()
         self._say = say
         self._check_all = check_all
+        self._references = references or ReferenceWatch({})
+        for note in self._references.notes:
+            say(note)
         self._health = Health(tracker.cameras, tracker.heights_m)
         self._markers = MarkerWatch(tracker.cameras, tracker.heights_m)
         # By camera. The thread of `next` puts in, `check_cameras` takes out.
@@ -94,7 +101,8 @@ class CameraTracking:
             self.grabber.go_on()
 
     def stop(self) -> None:
-        """The run has ended; cameras are tracked in a run and out of it."""
+        """The run has ended; cameras are tracked in a run and out of it, and compared again."""
+        self._references.again()
 
     def next(self, timeout_s: float) -> tuple[ArenaState, Sequence[Frame]]:
         """Waits for the newest pictures and tracks the robots in them.
@@ -120,6 +128,9 @@ class CameraTracking:
                 raise VsenseError(f"{error}: {self._unusable()}") from None
             raise
         self.record(frames)
+        if displaced := self._references.look(frames):
+            with self._checking:
+                self._tell_events(displaced)
         state = self.tracker.update(frames)
         # A recording that is held shows one picture again and again: its camera has not frozen.
         if not (isinstance(self.grabber, HeldPlayer) and self.grabber.held):

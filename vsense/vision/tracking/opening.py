@@ -26,6 +26,7 @@ from vsense.vision.cameras._opencv_source import DeviceSource, teach_opencv
 from vsense.vision.cameras._paced_grabber import HeldPlayer, PacedGrabber
 from vsense.vision.cameras._recorded_grabber import CameraRecording, RecordedGrabber
 from vsense.vision.cameras._recordings import DirectoryRecording, VideoRecording
+from vsense.vision.cameras._reference import ReferenceWatch
 from vsense.vision.cameras.grabber import Grabber, Troubles
 from vsense.vision.cameras.source import FREE, SOFTWARE, Controls, GenicamSettings, Source
 from vsense.vision.markers.families import SquareFamily, load_family
@@ -80,7 +81,10 @@ def open_tracking(
     except BaseException:
         grabber.close()
         raise
-    return CameraTracking(grabber, tracker, say, troubles, not session.is_live)
+    files = session.resources.cameras
+    calibrations = {c: files[c].calibration for v in session.views if (c := v.camera.id) in files}
+    references = ReferenceWatch(calibrations, session.is_live)
+    return CameraTracking(grabber, tracker, say, troubles, not session.is_live, references)
 
 
 def _check_cells(session: TrackingSession, say: Callable[[str], None]) -> None:
