@@ -13,6 +13,7 @@ import pytest
 
 from tests.rigs.places import DATA
 from vsense.base.errors import EXTRAS
+from vsense.base.xml.parsing import NAMESPACE
 
 MADE = DATA / "made-by-0.1"
 CAMERAS = "resources.xml experiment.xml"
@@ -57,6 +58,7 @@ NEEDS = {
     ),
     "argcomplete": ("completion bash",),
     "lupa": ("sim lua.argos", "lab lua.argos --port 0", "run lua.argos --tracker lines --port 0"),
+    "motioncapture": ("run mocap.argos --port 0",),
     "optuna": ("optimize foraging --vary foraging.release=0..1 --maximize items_home",),
     "ziglang": (
         *(
@@ -129,6 +131,10 @@ def folder(tmp_path: Path) -> Path:
     (here / "lua.argos").write_text(SCRIPT)
     (here / "a.lua").write_text("function init() end function step() end")
     (here / "two.toml").write_text(f'mode = "run"\n{PLAN}{CONTROLLERS}')
+    mocap = '<vs:tracker format="mocap" type="mock" /></framework>'
+    script = SCRIPT.replace("</framework>", mocap)
+    script = script.replace("configuration>", f'configuration xmlns:vs="{NAMESPACE}">', 1)
+    (here / "mocap.argos").write_text(script)
     (here / "run.zip").symlink_to(MADE / "kept.zip")
     (here / "robots.toml").symlink_to(MADE / "robots.toml")
     return here

@@ -21,6 +21,7 @@ EXTRAS = {
     "lupa": "lua",
     "matplotlib": "report",
     "mcap": "record",
+    "motioncapture": "mocap",
     "optuna": "optimize",
     "pandas": "tables",
     "pettingzoo": "learn",

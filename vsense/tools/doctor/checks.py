@@ -47,6 +47,7 @@ _PURPOSES = {
     "cluster": "campaigns on several machines (--on)",
     "completion": "completion in a shell",
     "foxglove": "runs and replays in Foxglove (--foxglove)",
+    "mocap": 'robots\' places from motion capture systems (<vs:tracker format="mocap">)',
     "lua": "controllers of ARGoS in Lua",
     "notebook": "runs that play in notebooks",
     "learn": "learning in simulation (vsense.parallel_env)",
