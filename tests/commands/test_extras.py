@@ -60,6 +60,7 @@ NEEDS = {
     "lupa": ("sim lua.argos", "lab lua.argos --port 0", "run lua.argos --tracker lines --port 0"),
     "motioncapture": ("run mocap.argos --port 0",),
     "optuna": ("optimize foraging --vary foraging.release=0..1 --maximize items_home",),
+    "rosbags": (f"export {RECORDING} --rosbag bag",),
     "ziglang": (
         *(
             "robot build --controller foraging --target epuck",

@@ -26,6 +26,7 @@ EXTRAS = {
     "pandas": "tables",
     "pettingzoo": "learn",
     "pyarrow": "tables",
+    "rosbags": "rosbag",
     "scipy": "report",
     "serial": "thymio",
     "thymiodirect": "thymio",
