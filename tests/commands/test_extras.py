@@ -32,6 +32,10 @@ NEEDS = {
     "cryptography": tuple(
         f"{words} --web 0.0.0.0:0" for words in (*WATCHED, CHECK, "sim foraging")
     ),
+    "cyclonedds": (
+        *("lab foraging --ros2", f"{REAL} --ros2 7", f"track {CAMERAS} --ros2"),
+        f"replay {RECORDING} --web 0 --ros2",
+    ),
     "foxglove": (
         *(f"{words} --foxglove 0" for words in WATCHED),
         *(f"{words} --web 0 --foxglove 0" for words in ("sim foraging", f"replay {RECORDING}")),
@@ -166,7 +170,7 @@ def test_what_needs_an_extra_says_so_before_anything_starts(package: str, folder
 
 
 def test_every_extra_is_tried() -> None:
-    # see tests/studies, and what robot/drivers/thymio.py and ros2.py say
+    # see tests/studies, and what robot/drivers/thymio.py says
     from_python = {"anywidget", "pandas", "pettingzoo", "pyarrow"}
-    from_python |= {"cyclonedds", "serial", "thymiodirect"}
+    from_python |= {"serial", "thymiodirect"}
     assert set(NEEDS) == set(EXTRAS) - from_python

@@ -52,7 +52,7 @@ _PURPOSES = {
     "notebook": "runs that play in notebooks",
     "learn": "learning in simulation (vsense.parallel_env)",
     "optimize": "searches for the best settings (vsense optimize)",
-    "ros2": "the driver of robots with ROS 2 (exec:ros2)",
+    "ros2": "robots with ROS 2 (exec:ros2), and poses for it (--ros2)",
     "rosbag": "bags of ROS 2 (vsense export --rosbag)",
     "tables": "runs as data frames (to_pandas)",
     "thymio": "the driver of Thymios (exec:thymio)",
