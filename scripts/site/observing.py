@@ -20,7 +20,13 @@ import cv2
 import numpy as np
 
 from scripts.site.contents import ROOT
-from tests.config.tables import OWN_ACTUATOR, OWN_SENSOR, at_the_original, with_the_rest
+from tests.config.tables import (
+    OWN_ACTUATOR,
+    OWN_SENSOR,
+    at_the_original,
+    by_motion_capture,
+    with_the_rest,
+)
 from vsense.base.errors import ConfigError
 from vsense.base.xml.element import Element
 from vsense.config import argos
@@ -150,7 +156,8 @@ def _samples() -> Iterator[Callable[[], object]]:
     named = full.replace("white_min_x=", 'vs:white="food" white_min_x=')
     ghost = full.replace('vs:virtual="true">', 'vs:virtual="true"><battery /><dynamics2d />')
     passed_over = ghost.replace("</framework>", _PASSED_OVER)
-    others = (drawn, places, named, passed_over, *_each_device())
+    mocap = by_motion_capture(full)
+    others = (drawn, places, named, passed_over, mocap, *_each_device())
     original = at_the_original(full).replace("ats_port=", 'vs:latency="0.04" ats_port=')
     for text in (full, with_the_rest(full), original, cpp, devices, *others):
         for stage in (Stage.SIM, Stage.RUN):

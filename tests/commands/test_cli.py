@@ -170,7 +170,7 @@ def shown_options(words: list[str], capsys: pytest.CaptureFixture[str]) -> tuple
     return page, {
         name
         for line in page.splitlines()
-        for name in re.findall(r"--[a-z][a-z-]*", line.strip().split("  ")[0])
+        for name in re.findall(r"--[a-z][a-z0-9-]*", line.strip().split("  ")[0])
         if re.match(r"  -", line)
     }
 

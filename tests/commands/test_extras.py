@@ -13,6 +13,7 @@ import pytest
 
 from tests.rigs.places import DATA
 from vsense.base.errors import EXTRAS
+from vsense.base.xml.parsing import NAMESPACE
 
 MADE = DATA / "made-by-0.1"
 CAMERAS = "resources.xml experiment.xml"
@@ -30,6 +31,10 @@ NEEDS = {
     ),
     "cryptography": tuple(
         f"{words} --web 0.0.0.0:0" for words in (*WATCHED, CHECK, "sim foraging")
+    ),
+    "cyclonedds": (
+        *("lab foraging --ros2", f"{REAL} --ros2 7", f"track {CAMERAS} --ros2"),
+        f"replay {RECORDING} --web 0 --ros2",
     ),
     "foxglove": (
         *(f"{words} --foxglove 0" for words in WATCHED),
@@ -57,8 +62,10 @@ NEEDS = {
     ),
     "argcomplete": ("completion bash",),
     "lupa": ("sim lua.argos", "lab lua.argos --port 0", "run lua.argos --tracker lines --port 0"),
+    "motioncapture": ("run mocap.argos --port 0",),
     "optuna": ("optimize foraging --vary foraging.release=0..1 --maximize items_home",),
     "zenoh": ("camera node resources.xml --connect tcp/127.0.0.1:7447",),
+    "rosbags": (f"export {RECORDING} --rosbag bag",),
     "ziglang": (
         *(
             "robot build --controller foraging --target epuck",
@@ -130,6 +137,10 @@ def folder(tmp_path: Path) -> Path:
     (here / "lua.argos").write_text(SCRIPT)
     (here / "a.lua").write_text("function init() end function step() end")
     (here / "two.toml").write_text(f'mode = "run"\n{PLAN}{CONTROLLERS}')
+    mocap = '<vs:tracker format="mocap" type="mock" /></framework>'
+    script = SCRIPT.replace("</framework>", mocap)
+    script = script.replace("configuration>", f'configuration xmlns:vs="{NAMESPACE}">', 1)
+    (here / "mocap.argos").write_text(script)
     (here / "run.zip").symlink_to(MADE / "kept.zip")
     (here / "robots.toml").symlink_to(MADE / "robots.toml")
     return here
@@ -160,7 +171,7 @@ def test_what_needs_an_extra_says_so_before_anything_starts(package: str, folder
 
 
 def test_every_extra_is_tried() -> None:
-    # see tests/studies, and what robot/drivers/thymio.py and ros2.py say
+    # see tests/studies, and what robot/drivers/thymio.py says
     from_python = {"anywidget", "pandas", "pettingzoo", "pyarrow"}
-    from_python |= {"cyclonedds", "serial", "thymiodirect"}
+    from_python |= {"serial", "thymiodirect"}
     assert set(NEEDS) == set(EXTRAS) - from_python

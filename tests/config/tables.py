@@ -201,6 +201,13 @@ def with_the_rest(full: str) -> str:
     return full
 
 
+def by_motion_capture(full: str) -> str:
+    """The same with a motion capture system, and a table of its bodies."""
+    lines = '<vs:tracker format="lines" host="0.0.0.0" port="4041" />'
+    mocap = '<vs:tracker format="mocap" type="vicon" bodies="a=1" up="y" settings="b=2" />'
+    return with_the_rest(full).replace(lines, mocap)
+
+
 def at_the_original(full: str) -> str:
     """The same with a tracker as the thesis names it."""
     text = full.replace('its_host="10.0.0.2" its_port="4040"', "").replace('vs:latency="0.05"', "")

@@ -8,7 +8,7 @@ from importlib import resources as package
 
 import pytest
 
-from tests.config.tables import with_the_rest
+from tests.config.tables import by_motion_capture, with_the_rest
 from vsense.base.xml.element import Element
 from vsense.base.xml.parsing import NAMESPACE
 from vsense.config.specs import Experiment
@@ -47,6 +47,7 @@ def asked(read_full: Read, full: str) -> dict[str, set[str]]:
         patch.setattr(Element, "check_all_read", note)
         read_full(full)
         read_full(with_the_rest(full))
+        read_full(by_motion_capture(full))
     return found
 
 

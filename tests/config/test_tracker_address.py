@@ -7,7 +7,8 @@ import pytest
 from vsense.base.errors import ConfigError
 from vsense.base.xml.parsing import parse
 from vsense.config._framework import read_tracker
-from vsense.config.specs import JsonLinesTracker, TrackerAddress
+from vsense.config.specs import JsonLinesTracker, MocapTracker, TrackerAddress
+from vsense.robots.link.trackers.mocap import MocapSystem
 
 
 def read(
@@ -46,6 +47,12 @@ def test_the_latency_of_its_states_stands_beside_its_host() -> None:
 
 def test_any_other_tracker_writes_lines_to_a_port_of_ours() -> None:
     assert read(inside='<vs:tracker format="lines"/>') == JsonLinesTracker("127.0.0.1", 4041, 2)
+    words = 'type="vicon" host="10.0.0.5" bodies="red one=23, b=7" up="y" settings="a=1 b=x,y"'
+    settings = {"hostname": "10.0.0.5", "a": "1", "b": "x,y"}
+    system = MocapSystem("vicon", settings, {"red one": 23, "b": 7}, "y")
+    assert read(inside=f'<vs:tracker format="mocap" {words}/>') == MocapTracker(system, 2)
+    system = MocapSystem("mock", {"hostname": "127.0.0.1"}, {}, "z")
+    assert read(inside='<vs:tracker format="mocap" type="mock"/>') == MocapTracker(system, 2)
     found = read(inside='<vs:tracker format="lines" host="0.0.0.0" port="5000"/>')
     assert found == JsonLinesTracker("0.0.0.0", 5000, 2)
 
@@ -81,6 +88,15 @@ def test_what_is_wrong_is_refused_at_its_line(
     [
         ("<vs:tracker/>", "x.argos:2: <vs:tracker> format:.*missing"),
         ('<vs:tracker format="udp"/>', "format: 'udp'"),
+        ('<vs:tracker format="mocap"/>', "<vs:tracker> type:.*missing, expected one of: vicon"),
+        ('<vs:tracker format="mocap" type="kinect"/>', "type: 'kinect' is not one of: vicon"),
+        ('<vs:tracker format="mocap" type="mock" port="1"/>', "port:.*attribute"),
+        ('<vs:tracker format="mocap" type="mock" up="x"/>', "up: 'x' is not one of: y, z"),
+        ('<vs:tracker format="mocap" type="mock" bodies="cf1"/>', "bodies: 'cf1': expected rigid"),
+        ('<vs:tracker format="mocap" type="mock" bodies="a=b"/>', "bodies: 'b' is not a tag"),
+        ('<vs:tracker format="mocap" type="mock" bodies="a=1,b=1"/>', "bodies: tag 1 is there"),
+        ('<vs:tracker format="mocap" type="mock" bodies="a=1,a=2"/>', "bodies: 'a' is there twice"),
+        ('<vs:tracker format="mocap" type="mock" settings="a"/>', "settings: 'a': expected names"),
         ('<vs:tracker format="lines" port="-1"/>', "port: -1.*0"),
         ('<vs:tracker format="lines" host=""/>', "<vs:tracker> host:.*empty"),
         ('<vs:tracker format="lines" latency="1"/>', "latency:.*attribute"),

@@ -23,6 +23,7 @@ from vsense.robots.link import keys
 from vsense.robots.policy import PolicyError, read_policy
 from vsense.studies.series import _plan
 from vsense.vision.calibration._views import read_corners
+from vsense.vision.calibration.foreign import read_foreign
 from vsense.vision.cameras._recordings import read_timestamps
 from vsense.vision.cameras.camera import Camera, CameraError
 from vsense.vision.markers.families import MarkerFamily, known_families, load_family
@@ -224,6 +225,12 @@ _TABLES: Mapping[str, tuple[str, Callable[[Path], object]]] = {
         "camera,moment,corner,x_px,y_px\nleft,1,0,10.5,20.5\nleft,1,1,30.5,20.5\nright,1,0,1,2\n",
         lambda path: read_corners(path, 24),
     ),
+    "lens": (
+        "%YAML:1.0\n---\nimage_width: 64\nimage_height: 48\ncamera_matrix: !!opencv-matrix\n"
+        "   rows: 3\n   data: [ 7., 0., 6., 0.,\n   7., 3.6e+02, 0., 0., 1. ]\n"
+        "distortion_coefficients:\n  data:\n  - 0.1\n  - -0.2\n  - 0\n  - 0\n",
+        read_foreign,
+    ),
 }
 
 
@@ -233,7 +240,7 @@ def prepare_tables(folder: Path) -> Path:
 
 
 def tables(random: Random, folder: Path) -> None:
-    """Tables of capture times and of corners."""
+    """Tables of capture times and of corners, and lenses of OpenCV and ROS."""
     name = random.choice(list(_TABLES))
     source, read = _TABLES[name]
     path = folder / f"{name}.csv"

@@ -44,6 +44,7 @@ from vsense.studies.packages._contents import CONTENTS, MOST_CONTENTS, PackageCo
 from vsense.studies.series import _plan
 from vsense.vision.calibration import checked
 from vsense.vision.calibration._views import read_corners
+from vsense.vision.calibration.foreign import read_foreign
 from vsense.vision.cameras._recordings import read_timestamps
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import load_family
@@ -90,6 +91,8 @@ READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "camera": ("json", lambda path: Camera.from_json(path.read_text())),
     "marker family": ("json", lambda path: load_family(str(path))),
     "calibration": ("json", checked._read),
+    "calibration of OpenCV and ROS": ("yaml", read_foreign),
+    "calibration of caliscope": ("toml", read_foreign),
     "benchmark.json": ("json", _comparing.read),
     "tracker's lines": ("json", tracker_lines),
     "roster": ("toml", roster.read),
@@ -135,6 +138,24 @@ def xml() -> Hostile:
     yield "a number", filled(b"9", b"<argos-configuration><arena size='", b"'/>" + tail)
     many = b"".join(b" a%d='1'" % n for n in range(SIZE // 17))
     yield "an element of many attributes", head + b"<a" + many + b"/>" + tail
+
+
+def yaml() -> Hostile:
+    for name, piece in {
+        "items": b"- 1\n",
+        "keys": b"a:\n",
+        "lists without end": b"a: [",
+        "lists": b"a: [1]\n",
+        "tags": b"a: !!b !!b\n",
+        "lines": b"\n",
+        "comments": b" #",
+        "blanks": b" ",
+        "colons": b":",
+    }.items():
+        yield name, filled(piece)
+        yield f"{name} of a camera", filled(piece, b"camera_matrix:\n  data:\n  ")
+    yield "a list", filled(b"1,", b"a: [", b"]")
+    yield "a matrix", filled(b"9,", b"image_width: 1\nimage_height: 1\ncamera_matrix:\n  data: [")
 
 
 def toml() -> Hostile:
@@ -294,6 +315,7 @@ FORMS: dict[str, Callable[[], Hostile]] = {
     "onnx": onnx,
     "xml": xml,
     "toml": toml,
+    "yaml": yaml,
     "json": as_json,
     "csv": csv,
     "text": text,

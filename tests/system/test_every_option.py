@@ -27,7 +27,13 @@ pytestmark = [pytest.mark.system, pytest.mark.paced]
 
 PAGE = "--web 127.0.0.1:0 --web-tokens tokens --web-cert page.pem --web-key page-key.pem"
 VSENSE = (sys.executable, "-m", "vsense")
-WATCHED = f"{PAGE} --foxglove 0"
+SIMULATED = f"{PAGE} --foxglove 0"
+WATCHED = f"{SIMULATED} --ros2 77"
+OWN_NETWORK = (
+    "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='lo' /></Interfaces>"
+    "<AllowMulticast>false</AllowMulticast></General></Domain></CycloneDDS>"
+)
+"""What ROS 2's DDS may use."""
 CODE = "--sources walk=walk.cpp --include inc"
 CAST = "--roster swarm.toml --replace 31=99"
 ERRORS = "--marker-errors 1,1 --wheel-errors 1 --sensor-errors 5 --robots-seed 9"
@@ -55,6 +61,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """What a lab has: an experiment in C++ for ARGoS, a plan, a roster, a page's files."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "runtime").mkdir(mode=0o700)
+    monkeypatch.setenv("CYCLONEDDS_URI", OWN_NETWORK)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "runtime"))
     text = (ROOT / "vsense/config/experiments/foraging.argos").read_text()
     built = '<walk_controller id="ant" library="build/libwalk">'
@@ -199,7 +206,7 @@ def test_series_and_benchmarks_take_all_their_options(folder: Path) -> None:
 
 
 def test_what_is_simulated_takes_all_its_options(folder: Path, said: Any) -> None:
-    words = f"sim walk.argos {CODE} --hold --locked --speed max --insecure {WATCHED}"
+    words = f"sim walk.argos {CODE} --hold --locked --speed max --insecure {SIMULATED}"
     until(words, "https://.*to-control-it", "Foxglove: ws://")
     made = said(
         f"sim walk.argos {CODE} {CAST} --blind --lenient --duration 1 --robots 2 --json -o one"

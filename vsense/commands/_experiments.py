@@ -6,10 +6,12 @@ What only the last two need, robots' links and the control room, is imported whe
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vsense.base.errors import UsageError
 from vsense.base.terminal import print_data
 from vsense.commands import _arguments, _homes, _rosters
 from vsense.config.specs import Stage
@@ -117,10 +119,46 @@ def add_legacy_port(parser: argparse.ArgumentParser) -> None:
     _arguments.option(parser, "--legacy-port", _arguments.port, "P", text)
 
 
+_OF_ROS, _MOST_DOMAIN = -1, 232
+"""The domain that ROS_DOMAIN_ID says; the highest that has ports.
+Source: OMG DDSI-RTPS 2.5, 9.6.2.3."""
+
+
+def add_ros2(parser: argparse.ArgumentParser) -> None:
+    """Declares that robots' poses are published for ROS 2."""
+    parser.add_argument_group("ROS 2").add_argument(
+        "--ros2",
+        type=_domain,
+        nargs="?",
+        const=_OF_ROS,
+        metavar="DOMAIN",
+        help="publish tf, poses and readings on DDS for ROS 2, to look only; without DOMAIN in that"
+        " of ROS_DOMAIN_ID, or 0",
+    )
+
+
+def ros2_of(options: argparse.Namespace) -> int | None:
+    """Returns what `add_ros2` declares: the domain of DDS, None: none; raises UsageError."""
+    domain: int | None = options.ros2
+    if domain != _OF_ROS:
+        return domain
+    try:
+        return _domain(os.environ.get("ROS_DOMAIN_ID", "") or "0")
+    except argparse.ArgumentTypeError as error:
+        raise UsageError(f"ROS_DOMAIN_ID: {error}") from None
+
+
+def _domain(text: str) -> int:
+    if not (text.isdecimal() and len(text) <= 3 and int(text) <= _MOST_DOMAIN):
+        raise argparse.ArgumentTypeError(f"'{text}': expected a domain from 0 to {_MOST_DOMAIN}")
+    return int(text)
+
+
 def add_room(parser: argparse.ArgumentParser) -> None:
     """Declares how the runs are seen, steered and kept: the control room."""
     _arguments.add_web(parser, insecure=False)
     _arguments.add_foxglove(parser)
+    add_ros2(parser)
     group = _arguments.add_hold(
         parser,
         "start no run by itself, but with a key, on the page or with vsense control start; after a"
@@ -137,7 +175,7 @@ def room_of(options: argparse.Namespace) -> RoomOptions:
     """Returns what `add_room` declares; raises as `RoomOptions.check`, before anything is built."""
     from vsense.monitor.ui.room import RoomOptions
 
-    doors = _arguments.doors_of(options)
+    doors = _arguments.doors_of(options) | {"ros2": ros2_of(options)}
     room = _arguments.fill(RoomOptions, options, **doors, series=None, tokens=None)
     room.check()
     return room

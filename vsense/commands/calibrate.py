@@ -14,7 +14,7 @@ from vsense.config import tracking_session
 from vsense.config.experiment import load, of_folder
 from vsense.config.specs import Stage
 from vsense.modes.lab import board_studio
-from vsense.vision.calibration import checking, session
+from vsense.vision.calibration import checking, foreign, session
 from vsense.vision.calibration.checking import CheckOptions
 from vsense.vision.calibration.session import LensOptions, RigOptions
 from vsense.vision.tracking.specs import TrackingSession
@@ -51,6 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_intrinsics(steps)
     _add_rig(steps)
     _add_check(steps)
+    _add_foreign(steps)
     _add_example(steps)
 
 
@@ -66,6 +67,10 @@ def run(options: argparse.Namespace) -> int:
             arena_m = load(options.experiment, stage=Stage.LAB).arena.corners_m
         given = {"tracking": tracking, "arena_m": arena_m}
         return checking.run(_arguments.fill(CheckOptions, options, **given))
+    if options.step == "import":
+        return foreign.bring_in(options.files, options.name, options.output)
+    if options.step == "export":
+        return foreign.send_out(options.cameras, options.format, options.output)
     if options.step == "board":
         return session.print_board(options.board, options.output)
     if options.step == "intrinsics":
@@ -142,13 +147,20 @@ def _add_check(steps: Any) -> None:
         description="Holds what the cameras see against points that were measured with a tape, or"
         " against a second board on the floor; prints how far off each camera is, and keeps that"
         " beside the camera files: later runs, recordings and reports show it. --tracking shows"
-        " where cameras cannot read the robots' markers, and needs no points.",
+        " where cameras cannot read the robots' markers, and needs no points. With --pictures alone"
+        " it says which cameras were moved since the calibration, and fails (1) where one was.",
     )
     text = "folder with the camera files in use (default: cameras)"
     _arguments.option(step, "--cameras", Path, "DIR", text, Path("cameras"))
     _add_measured(step)
     _add_second_board(step)
     _add_pictures(step)
+    _arguments.flag(
+        step,
+        "--keep",
+        "make what stands still in these pictures the cameras' references, with which later ones"
+        " and every run's first pictures are compared (vsense camera calibrate rig does it itself)",
+    )
     step.add_argument(
         "--tracking",
         nargs="+",
@@ -181,6 +193,37 @@ def _add_second_board(step: argparse.ArgumentParser) -> None:
     """Declares a board on the floor that the calibration has not seen."""
     step.add_argument("--board", metavar="BOARD", help=f"instead of points: {_BOARD}")
     _add_floor(step, "that board", "its")
+
+
+def _add_foreign(steps: Any) -> None:
+    step = steps.add_parser(
+        "import",
+        help="take calibrations of OpenCV, ROS or caliscope",
+        description="Makes camera files of other programs' calibrations, and says by how many px"
+        " both differ: OpenCV's YAML (camera_matrix, distortion_coefficients, image_width,"
+        " image_height; rotation and translation from arena to camera, if they are there), ROS's"
+        " camera_info YAML, caliscope's camera_array.toml. Fisheye and rational lenses are"
+        " refused.",
+    )
+    step.add_argument("files", type=Path, nargs="+", metavar="FILE", help=".yml, .yaml or .toml")
+    text = (
+        "the camera's name, where a file has one camera (default: what the file says, or its own)"
+    )
+    _arguments.option(step, "--name", str, "NAME", text)
+    text = "folder for camera files (default: cameras)"
+    _arguments.option(step, "-o --output", Path, "DIR", text, Path("cameras"))
+    step = steps.add_parser(
+        "export",
+        help="give the calibration to OpenCV, ROS or caliscope",
+        description="Writes camera files for other programs, reads them again, and says by how"
+        " many px both differ. ROS's camera_info has no poses.",
+    )
+    step.add_argument(
+        "--format", required=True, choices=tuple(foreign.FORMATS), help="whose files are written"
+    )
+    text = "folder with the camera files in use (default: cameras)"
+    _arguments.option(step, "--cameras", Path, "DIR", text, Path("cameras"))
+    _arguments.option(step, "-o --output", Path, "DIR", "folder for the files (default: .)", Path())
 
 
 def _add_example(steps: Any) -> None:

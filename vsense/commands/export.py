@@ -35,6 +35,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         " channels already"
     )
     _arguments.option(parser, "--foxglove", Path, "NAME.mcap", text)
+    text = (
+        "write a bag for ROS 2 (MCAP) instead of tables: tf, poses, readings, batteries, cameras"
+        " and pictures in standard messages, in the frames map, robot_23/base_link and"
+        " cam1_optical"
+    )
+    _arguments.option(parser, "--rosbag", Path, "FOLDER", text)
     _arguments.flag(parser, "--json", "print the files, and how much is in them, as JSON")
     _add_film(parser.add_argument_group("a video"))
 
@@ -76,7 +82,7 @@ def run(options: argparse.Namespace) -> int:
     film = {name: value for name, value in film.items() if value is not None}
     if options.csv and options.video is not None:
         raise UsageError("--output and --csv are for tables, --video says its own file: give one")
-    wanted = ExportOptions(options.output, options.video, options.foxglove, film)
+    wanted = ExportOptions(options.output, options.video, options.foxglove, options.rosbag, film)
     with interruption() as interrupted:
         written = export(options.file, wanted, Console(), interrupted)
         if written is None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from vsense.base.errors import UsageError
 from vsense.base.terminal import Console, interruption, print_data
-from vsense.commands import _arguments
+from vsense.commands import _arguments, _experiments
 from vsense.monitor import recording
 
 DESCRIPTION = (
@@ -25,6 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("file", type=Path, help="the recording (.mcap), or its run's folder")
     _arguments.add_web(parser, ("127.0.0.1", 8080))
     _arguments.add_foxglove(parser)
+    _experiments.add_ros2(parser)
     _arguments.option(parser, "--speed", float, "X", "times the real speed (default: 1)", 1.0)
     group = parser.add_argument_group("tracking again")
     group.add_argument("--retrack", action="store_true", help="run the tracker again and compare")
@@ -61,7 +62,7 @@ def run(options: argparse.Namespace) -> int:
 
     if options.json and not (options.retrack or options.resense):
         raise UsageError("--json belongs to --retrack and --resense")
-    doors = _arguments.doors_of(options)
+    doors = _arguments.doors_of(options) | {"ros2": _experiments.ros2_of(options)}
     wanted = _arguments.fill(ReplayOptions, options, **doors, settings=dict(options.set))
     with interruption() as interrupted:
         comparison = replay(options.file, wanted, Console(), interrupted)

@@ -10,7 +10,7 @@ from typing import Any
 
 from vsense.base.errors import UsageError
 from vsense.base.terminal import print_data
-from vsense.commands import _arguments, _hardware, _rosters, lab, series_robots, sim
+from vsense.commands import _arguments, _experiments, _hardware, _rosters, lab, series_robots, sim
 from vsense.config.roster import FILE_NAME
 from vsense.modes.lab.hardware import BASES
 from vsense.modes.live.opening import LinkOptions
@@ -72,6 +72,7 @@ def add_making(parser: argparse.ArgumentParser) -> None:
     _hardware.add_errors(group)
     _arguments.add_web(parser, insecure=False)
     _arguments.add_foxglove(parser)
+    _experiments.add_ros2(parser)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -97,7 +98,7 @@ def options_of(
     Raises as `RoomOptions.check`, before anything is built.
     """
     # Every run is a series' and begins by itself.
-    doors = _arguments.doors_of(options)
+    doors = _arguments.doors_of(options) | {"ros2": _experiments.ros2_of(options)}
     once = {"hold": False, "runs": 1, "series": None, "tokens": None}
     room = _arguments.fill(RoomOptions, options, **doors, **once)
     if not options.dry:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from vsense.commands import _arguments, _hardware, _rosters
+from vsense.commands import _arguments, _experiments, _hardware, _rosters
 from vsense.modes.live import track
 from vsense.modes.live.track import TrackOptions
 
@@ -44,6 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _rosters.add_roster(parser, _rosters.MARKERS)
     _arguments.add_web(parser)
     _arguments.add_foxglove(parser)
+    _experiments.add_ros2(parser)
     group = _arguments.add_hold(
         parser,
         "track, but begin no run by itself: a key, the page or vsense control start does; after a"
@@ -54,6 +55,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Tracks; see `vsense.modes.live.track.run`."""
-    doors = _arguments.doors_of(options)
+    doors = _arguments.doors_of(options) | {"ros2": _experiments.ros2_of(options)}
     markers = _hardware.markers_of(options)
     return track.run(_arguments.fill(TrackOptions, options, **doors, markers=markers))

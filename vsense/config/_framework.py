@@ -5,7 +5,7 @@ The thesis puts a tracker's `ats_host` and `ats_port` on `<framework>`, the orig
 `<iridia_tracking_system>`; both are understood. Source: iridia.md section 1c; argos3-tycho
 subtracts the translation from the tracker's places. Ours is `vs:latency` beside the host: the
 protocol does not say how old a state is when it comes. Any other tracker is a
-`<vs:tracker format="lines">` in `<framework>`.
+`<vs:tracker format="lines">` in `<framework>`, a motion capture system `format="mocap"`.
 """
 
 from __future__ import annotations
@@ -23,11 +23,14 @@ from vsense.config._things import by_id
 from vsense.config.specs import (
     DEFAULT_UNSEEN_S,
     LINES_PORT,
+    AnyTracker,
     JsonLinesTracker,
     LoopSpec,
+    MocapTracker,
     Stage,
     TrackerAddress,
 )
+from vsense.robots.link.trackers.mocap import MOCAP_TYPES, MocapSystem
 from vsense.robots.sources import ARGOS_PAGE, LOOP_FUNCTIONS, CodeOptions, stem_of
 
 _ENGINE = "iridia_tracking_system"
@@ -225,7 +228,7 @@ def _tracking_engine(root: Element) -> Element | None:
     return None if engines is None else engines.optional_child(_ENGINE)
 
 
-def read_tracker(root: Element) -> TrackerAddress | JsonLinesTracker | None:
+def read_tracker(root: Element) -> AnyTracker | None:
     """Reads where the arena state comes from, None where an experiment names no tracker."""
     framework = root.child("framework")
     engine = _tracking_engine(root)
@@ -234,11 +237,11 @@ def read_tracker(root: Element) -> TrackerAddress | JsonLinesTracker | None:
     if engine is not None:
         shift = [engine.number(f"translate_{axis}", -_FAR_M, _FAR_M, "m", 0.0) for axis in "xy"]
         origin_m = (shift[0], shift[1])
-    address: TrackerAddress | JsonLinesTracker | None = None
+    address: AnyTracker | None = None
     for element in (framework, engine, lines):
         if element is None:
             continue
-        tracker = _read_lines(element) if element is lines else _read_original(element, origin_m)
+        tracker = _read_other(element) if element is lines else _read_original(element, origin_m)
         if tracker is not None and address is not None:
             raise element.error(f"a tracker stands in line {address.line} already")
         address = address or tracker
@@ -264,8 +267,44 @@ def _read_original(element: Element, origin_m: tuple[float, float]) -> TrackerAd
     return TrackerAddress(host, port, origin_m, latency_s, element.line)
 
 
-def _read_lines(element: Element) -> JsonLinesTracker:
-    element.choice("format", ("lines",))
+def _read_other(element: Element) -> JsonLinesTracker | MocapTracker:
+    if element.choice("format", ("lines", "mocap")) == "mocap":
+        return _read_mocap(element)
     host = element.text("host", "127.0.0.1", "a name or address of this machine")
     port = element.integer("port", 0, 65_535, LINES_PORT)
     return JsonLinesTracker(host, port, element.line)
+
+
+def _read_mocap(element: Element) -> MocapTracker:
+    host = element.text("host", "127.0.0.1", "the name or address of its server")
+    others = _read_pairs(element, "settings", None, "names and values: 'interface_ip=10.0.0.2'")
+    kind, up = element.choice("type", MOCAP_TYPES), element.choice("up", ("y", "z"), "z")
+    settings = {"hostname": host, **others}
+    return MocapTracker(MocapSystem(kind, settings, _read_bodies(element), up), element.line)
+
+
+def _read_bodies(element: Element) -> dict[str, int]:
+    """Reads which rigid body is which robot: "cf1=23, cf2=24"."""
+    bodies: dict[str, int] = {}
+    pairs = _read_pairs(element, "bodies", ",", "rigid bodies and tags: 'cf1=23, cf2=24'")
+    for name, tag in pairs.items():
+        if not tag.isdecimal() or len(tag) > 9:
+            raise element.error(f"{shown(tag)} is not a tag", "bodies")
+        if int(tag) in bodies.values():
+            raise element.error(f"tag {tag} is there twice", "bodies")
+        bodies[name] = int(tag)
+    return bodies
+
+
+def _read_pairs(element: Element, key: str, separator: str | None, expected: str) -> dict[str, str]:
+    """Reads names and values; `separator` None: blanks."""
+    pairs: dict[str, str] = {}
+    text = element.text(key, None, expected) if element.has(key) else ""
+    for part in text.split(separator) if text else ():
+        name, sign, value = (word.strip() for word in part.partition("="))
+        if not (name and sign and value):
+            raise element.error(f"{shown(part.strip())}: expected {expected}", key)
+        if name in pairs:
+            raise element.error(f"{shown(name)} is there twice", key)
+        pairs[name] = value
+    return pairs

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from vsense.base.native import lib
-from vsense.config.specs import ControllerSpec, Experiment, Stage
+from vsense.config.specs import AnyTracker, ControllerSpec, Experiment, MocapTracker, Stage
 from vsense.vision.markers.families import confusion, load_family
 from vsense.world.entities import Box, Cylinder, Entity, Light, VirtualRobot, Zone
 from vsense.world.robot_models import EPUCK
@@ -79,12 +79,18 @@ def _run_rows(experiment: Experiment) -> list[tuple[str, str]]:
     steps = f", {experiment.timesteps} timesteps" if experiment.timesteps else ", timesteps"
     seed = f"seed {experiment.seed}" if experiment.seed else "a fresh seed"
     tracker = experiment.tracker
-    place = "" if tracker is None else f"{tracker.host}:{tracker.port}"
+    place = "" if tracker is None else _place(tracker)
     return [
         ("length", f"{length}{steps} of {1e3 * experiment.timestep_s:g} ms, {seed}"),
         ("server", f"{experiment.host}:{experiment.port}, TCP and UDP"),
         ("arena state", f"from the tracker {place}" if place else "from cameras of our own"),
     ]
+
+
+def _place(tracker: AnyTracker) -> str:
+    if isinstance(tracker, MocapTracker):
+        return f"{tracker.system.type} at {tracker.system.settings['hostname']}, motion capture"
+    return f"{tracker.host}:{tracker.port}"
 
 
 def _body_rows(experiment: Experiment) -> list[tuple[str, str]]:

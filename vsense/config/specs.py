@@ -20,6 +20,7 @@ from vsense.config._distribute import DistributedSpec
 from vsense.config.casting import Casting
 from vsense.config.geofence import Geofence, arena_fence
 from vsense.config.roster_fields import MarkerOffset
+from vsense.robots.link.trackers.mocap import MocapSystem
 from vsense.robots.sources import ProgramSources, content
 from vsense.world.actuators.base import MountedActuator
 from vsense.world.entities import Arena, Box, Cylinder, Entity, VirtualRobot
@@ -223,6 +224,18 @@ class JsonLinesTracker:
 
 
 @dataclass(frozen=True, slots=True)
+class MocapTracker:
+    """A motion capture system."""
+
+    system: MocapSystem
+    line: int
+
+
+AnyTracker = TrackerAddress | JsonLinesTracker | MocapTracker
+"""Where an experiment may say that its arena states come from."""
+
+
+@dataclass(frozen=True, slots=True)
 class Experiment:
     """A checked experiment file; all that stands in it is in the file's order.
 
@@ -270,7 +283,7 @@ class Experiment:
     floor: FloorSpec | None = None
     fields: tuple[FieldSpec, ...] = ()
     loop_functions: LoopSpec | None = None
-    tracker: TrackerAddress | JsonLinesTracker | None = None
+    tracker: AnyTracker | None = None
     stage: Stage = Stage.RUN
     markers: Mapping[int, MarkerOffset] = field(default_factory=dict)
     casting: Casting = Casting()  # noqa: RUF009 (frozen)

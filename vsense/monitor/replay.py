@@ -32,6 +32,7 @@ class ReplayOptions:
     Attributes:
         web: where the page is served that plays it.
         foxglove: where Foxglove is served, too; None: nowhere.
+        ros2: domain of DDS in which ROS 2 hears it, too; None: none.
         speed: times real time.
         retrack: the tracker runs again on its pictures.
         settings: of the tracker, by `GROUP.NAME`, in place of the recorded ones.
@@ -42,6 +43,7 @@ class ReplayOptions:
 
     web: WebAddress | None = None
     foxglove: FoxgloveAddress | None = None
+    ros2: int | None = None
     speed: float = 1.0
     retrack: bool = False
     settings: Mapping[str, str] = field(default_factory=dict)
@@ -90,11 +92,11 @@ def _check(options: ReplayOptions) -> None:
         raise UsageError("--experiment belongs to --resense")
     if not (options.retrack or options.resense):
         assert options.web is not None, "who plays it"
-        RoomOptions(options.web, options.foxglove).check()
+        RoomOptions(options.web, options.foxglove, ros2=options.ros2).check()
 
 
 def _play(opened: Recording, options: ReplayOptions, console: Console, stack: ExitStack) -> None:
-    watchers = wanted_watchers(WatchOptions(options.web, options.foxglove))
+    watchers = wanted_watchers(WatchOptions(options.web, options.foxglove, ros2=options.ros2))
     bus = MessageBus()
     player = Player(opened, bus)
     player.give(Order(OrderKind.SPEED, "terminal", options.speed))

@@ -6,18 +6,20 @@ import re
 import threading
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from vsense.base.arena import POSE, ArenaState, Frame
-from vsense.base.errors import GrabberError, NoMorePictures, UsageError, VsenseError
+from vsense.base.errors import ConfigError, GrabberError, NoMorePictures, UsageError, VsenseError
 from vsense.config.experiment import load
-from vsense.config.specs import JsonLinesTracker, TrackerAddress
+from vsense.config.specs import JsonLinesTracker, MocapTracker, TrackerAddress
 from vsense.modes.live._sources import SteadySource, open_source
 from vsense.robots.link.status import LinkError
 from vsense.robots.link.trackers.client import TrackerEnded
+from vsense.robots.link.trackers.mocap import MocapSystem
 
 MS = 1_000_000
 PATIENCE_S = 20.0
@@ -137,6 +139,29 @@ def test_a_tracker_that_others_could_be_is_named(
     source = open_source(replace(load("pollutant"), tracker=tracker), None, said.append)
     assert re.match(doubt, source.doubt) if doubt else source.doubt == ""
     source.close()
+
+
+def test_rigid_bodies_are_robots_of_the_experiment(said: list[str]) -> None:
+    """By the roles' names, by tags, or by a table."""
+    experiment = load("pollutant")
+    first, second, third, *_ = experiment.robots
+    poses = [(first.id, 0.1), (str(second.tag), 0.2), ("thumb", 0.3)]
+    bodies = ";".join(f"{name}({x},0,0,1,0,0,0)" for name, x in poses)
+    for table, expected in (
+        ({}, {first.tag: 0.1, second.tag: 0.2}),
+        ({"thumb": third.tag}, {third.tag: 0.3}),
+    ):
+        settings = {"hostname": "127.0.0.1", "rigid_bodies": bodies}
+        tracker = MocapTracker(MocapSystem("mock", settings, table, "z"), 3)
+        source = open_source(replace(experiment, tracker=tracker), None, said.append)
+        with closing(source):
+            state, _ = source.next(PATIENCE_S)
+        seen = {int(r["tag"]): float(r["x_m"]) for r in state.robots}
+        assert seen == pytest.approx(expected)
+        assert source.kind == "mocap" and source.doubt == ""
+    wrong = MocapTracker(replace(tracker.system, bodies={"thumb": 999}), 3)
+    with pytest.raises(ConfigError, match=r"argos:3: <vs:tracker> bodies: 'thumb' has tag 999"):
+        open_source(replace(experiment, tracker=wrong), None, said.append)
 
 
 def test_without_any_the_user_is_told_what_to_do(said: list[str]) -> None:

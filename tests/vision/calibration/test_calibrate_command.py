@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import cv2
@@ -108,6 +109,8 @@ def test_tags_at_known_places(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     words += ["--points", str(table), "--camera", "cam_0_0", "--every", "1", "--accuracy", "2mm"]
     assert main([*words, "--tags", "4X4_50", "--json", "-o", str(output)]) == 0
     assert json.loads(capsys.readouterr().out)["rms_px"] < 1.0
+    kept = cv2.imread(str(output / "reference" / "cam_0_0.png"), cv2.IMREAD_GRAYSCALE)
+    assert np.array_equal(kept, image), "what later pictures are compared with"
     found = cameras(output)[0]
     points = arena_grid(0.2, 0.0)
     points = points[camera.contains(camera.project(points))]
@@ -122,7 +125,9 @@ def test_tags_at_known_places(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     (tmp_path / "seen.csv").write_text("\n".join(["camera,id,x_px,y_px", *seen, ""]))
     words = ["rig", "--points", str(table), "--seen", str(tmp_path / "seen.csv")]
     words += ["--intrinsics", str(lenses), "-o", str(tmp_path / "clicked")]
+    shutil.copytree(output / "reference", tmp_path / "clicked" / "reference")
     assert main(["calibrate", *words]) == 0
+    assert not list((tmp_path / "clicked" / "reference").iterdir()), "of another calibration"
     clicked = cameras(tmp_path / "clicked")[0]
     assert clicked.position_m == pytest.approx(camera.position_m, abs=2e-3)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.rigs.places import DATA
 from tests.vision.calibration.ideal import CAMERAS
 from tests.vision.tracking.synthetic import Look, Robot, inclined, render
 from vsense.cli import main
@@ -159,6 +161,7 @@ def test_recordings_and_reports_hold_it() -> None:
         (["--points", "p.csv", "--seen", "s.csv", "--experiment", "pollutant"],
          "--experiment: expected --tracking"),
         (["--tracking", "a", "b", "c"], "--tracking: expected a folder, or resources and"),
+        (["--keep", "--points", "p.csv", "--seen", "s.csv"], "--keep: expected --pictures, and"),
         (["--points", "p.csv"], "one of --seen, --tags and --markers"),
         (["--points", "p.csv", "--tags", "4X4_50"], "expected --pictures"),
         (["--board", "charuco:7x5:80mm:4X4_50", "--pictures", "."], "--board: expected --floor"),
@@ -255,3 +258,36 @@ def test_where_markers_cannot_be_read_is_painted_and_said(
     shares = [float(told.err.partition("camera side: in ")[2].partition(" %")[0])]
     shares += [float(capsys.readouterr().err.partition("camera side: in ")[2].partition(" %")[0])]
     assert 30.0 < shares[1] < shares[0] - 5.0
+
+
+def test_pictures_alone_say_which_cameras_were_moved(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Real photographs of a room; one camera is moved by 2.5 px, another has no reference."""
+    cameras = [Camera.looking_down(n, 0.0, 0.0, 2.0, 765.0, (816, 612)) for n in ("a", "b", "c")]
+    write_cameras(tmp_path / "cameras", cameras)
+    room = cv2.imread(str(DATA / "wall-tags" / "photos" / "IMG_1384.jpg"), cv2.IMREAD_GRAYSCALE)
+    border = {"flags": cv2.INTER_CUBIC, "borderMode": cv2.BORDER_REFLECT}
+    moved = cv2.warpAffine(room, np.array([(1, 0, 1.5), (0, 1, 2.0)]), (816, 612), **border)
+    for folder, pictures in (("then", {"a": room, "b": room}), ("now", {"a": room, "b": moved})):
+        for name, picture in {**pictures, "c": room}.items():
+            (tmp_path / folder / name).mkdir(parents=True)
+            cv2.imwrite(str(tmp_path / folder / name / "floor_01.png"), picture)
+    shutil.rmtree(tmp_path / "then" / "c")
+    words = ["calibrate", "check", "--cameras", str(tmp_path / "cameras"), "--pictures"]
+    assert main([*words, str(tmp_path / "then"), "--keep"]) == 0
+    kept = [tmp_path / "cameras" / "reference" / f"{name}.png" for name in "ab"]
+    assert capsys.readouterr().out.splitlines() == [str(path) for path in kept]
+    assert main([*words, str(tmp_path / "then")]) == 0
+    assert capsys.readouterr().err.count("in its place") == 2
+    assert main([*words, str(tmp_path / "now"), "--json"]) == 1
+    told = capsys.readouterr()
+    assert "camera a: in its place" in told.err and "camera b: has moved by 2." in told.err
+    assert "camera c: cannot be compared: it has no reference picture" in told.err
+    facts = json.loads(told.out)["cameras"]
+    assert facts["b"]["moved_px"] == pytest.approx(2.5, abs=0.2) and facts["c"] is None
+    assert told.err.endswith("moved since the calibration: b\n")
+    (tmp_path / "now" / "a" / "floor_01.png").unlink()
+    cv2.imwrite(str(tmp_path / "now" / "a" / "floor_01.png"), room[:300])
+    assert main([*words, str(tmp_path / "now")]) == 2
+    assert "a: 816 x 300 px, expected 816 x 612" in capsys.readouterr().err

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +15,7 @@ from tests.vision.tracking.synthetic import Look, Robot, render
 from vsense.base.arena import Frame
 from vsense.base.errors import ConfigError, NoMorePictures
 from vsense.config import tracking_session
+from vsense.vision.cameras._reference import reference_path
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import load_family
 from vsense.vision.tracking.camera_tracking import CameraTracking
@@ -112,6 +114,33 @@ def test_every_camera_is_searched_for_its_own_trackers_markers(load: Load, perio
     finally:
         tracking.close()
         tracking.close()
+
+
+@pytest.mark.parametrize("shift", [0, 2, 40])
+def test_a_camera_moved_since_its_calibration_is_named_before_the_first_state(
+    load: Load, shift: int
+) -> None:
+    session, told = load(), list[str]()
+    path = reference_path(session.resources.cameras["b"].calibration)
+    path.parent.mkdir(exist_ok=True)
+    robots_elsewhere = [Robot(52447, 0.9, 0.1, 1.0)]
+    family, look = load_family(FAMILIES["b"]), Look(litter=5, noise=0.0)
+    picture = render(CAMERAS[1], family, robots_elsewhere, look, 1, HEIGHTS["b"])
+    cv2.imwrite(str(path), np.roll(picture, shift, axis=1))
+    tracking = build(session, told)
+    try:
+        tracking.next(10.0)
+        if shift:
+            (line,) = told
+            words = r"camera b: has moved by ([\d.]+) px at most \(.*\) since its calibration"
+            match = re.match(words, line)
+            assert match is not None and float(match[1]) == pytest.approx(shift, abs=0.5)
+            assert ("b", "displaced") in tracking.troubles.present
+        else:
+            assert told == []
+    finally:
+        tracking.close()
+        path.unlink()
 
 
 def test_the_roster_is_closed_where_the_file_says_so_and_a_marker_turned(load: Load) -> None:

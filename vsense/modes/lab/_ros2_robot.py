@@ -2,15 +2,12 @@
 
 It speaks DDS by the package cyclonedds, on this machine's own network alone and under a namespace
 of its own: no real robot hears it. See `Link` in `_links.py`.
-
-Source: the definitions of messages are those of ros2/common_interfaces and
-ros2/rcl_interfaces (builtin_interfaces), humble, field by field.
 """
 
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import pi
 from pathlib import Path
 from typing import Any
@@ -20,25 +17,8 @@ import numpy as np
 from vsense.base.errors import require
 from vsense.base.native import lib
 from vsense.modes.lab._links import NEVER_DUE_US, FirmwareKind, FirmwareProgram, Outputs
+from vsense.monitor.ros2 import dds_types
 from vsense.world.robot_models import RobotModel
-
-DEFINITIONS = {
-    "geometry_msgs/Vector3": "float64 x, float64 y, float64 z",
-    "geometry_msgs/Point": "float64 x, float64 y, float64 z",
-    "geometry_msgs/Quaternion": "float64 x, float64 y, float64 z, float64 w",
-    "geometry_msgs/Twist": "geometry_msgs/Vector3 linear, geometry_msgs/Vector3 angular",
-    "geometry_msgs/Pose": "geometry_msgs/Point position, geometry_msgs/Quaternion orientation",
-    "geometry_msgs/PoseWithCovariance": "geometry_msgs/Pose pose, float64[36] covariance",
-    "geometry_msgs/TwistWithCovariance": "geometry_msgs/Twist twist, float64[36] covariance",
-    "builtin_interfaces/Time": "int32 sec, uint32 nanosec",
-    "std_msgs/Header": "builtin_interfaces/Time stamp, string frame_id",
-    "nav_msgs/Odometry": "std_msgs/Header header, string child_frame_id"
-    ", geometry_msgs/PoseWithCovariance pose, geometry_msgs/TwistWithCovariance twist",
-    "sensor_msgs/LaserScan": "std_msgs/Header header, float32 angle_min, float32 angle_max"
-    ", float32 angle_increment, float32 time_increment, float32 scan_time, float32 range_min"
-    ", float32 range_max, float32[] ranges, float32[] intensities",
-}
-"""Each after those that it holds."""
 
 OWN_NETWORK = """<CycloneDDS><Domain><General>
 <Interfaces><NetworkInterface name="lo" /></Interfaces><AllowMulticast>false</AllowMulticast>
@@ -55,31 +35,6 @@ BEAMS = 72
 RANGE_M = 4.0
 _SURE = 6.0
 """By so many standard deviations a reading differs from that of nothing."""
-
-
-def message_types() -> dict[str, Any]:
-    """The messages' classes, as ROS 2 maps them to DDS: "nav_msgs/Odometry" and so on."""
-    from cyclonedds.idl import IdlStruct
-    from cyclonedds.idl import types as idl
-
-    made = dict[str, Any]()
-
-    def field_type(text: str) -> Any:
-        name, _, count = text.removesuffix("]").partition("[")
-        kind = str if name == "string" else made.get(name) or getattr(idl, name)
-        if name == text:
-            return kind
-        many: Any = idl.array if count else idl.sequence
-        return many[kind, int(count)] if count else many[kind]
-
-    for name, fields in DEFINITIONS.items():
-        package, _, short = name.partition("/")
-        pairs = [field.split() for field in fields.split(", ")]
-        held = {"__annotations__": {word: field_type(kind) for kind, word in pairs}}
-        typename = f"{package}::msg::dds_::{short}_"
-        message: Any = type(IdlStruct)
-        made[name] = dataclass(message(short, (IdlStruct,), held, typename=typename))
-    return made
 
 
 class Ros2Robot:
@@ -136,7 +91,7 @@ class Ros2Robot:
         from cyclonedds.sub import DataReader
         from cyclonedds.topic import Topic
 
-        self._types = kinds = message_types()
+        self._types = kinds = dds_types()
         self._domain = domain = DomainParticipant(int(os.environ.get("ROS_DOMAIN_ID", "0")))
         qos = Qos(Policy.Reliability.Reliable(10**8), Policy.History.KeepLast(1))
         cmd_vel = Topic(domain, f"rt/{name}/cmd_vel", kinds["geometry_msgs/Twist"])

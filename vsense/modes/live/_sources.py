@@ -12,13 +12,14 @@ from vsense.base.arena import ArenaState, Frame
 from vsense.base.clock import host_ns
 from vsense.base.errors import GrabberError, NoMorePictures
 from vsense.config import tracking_session
-from vsense.config.specs import Experiment, JsonLinesTracker, TrackerAddress
+from vsense.config.specs import Experiment, JsonLinesTracker, MocapTracker, TrackerAddress
 from vsense.modes.live.opening import require_source
 from vsense.monitor.ui.access import is_loopback
 from vsense.monitor.ui.messages import ExperimentFacts
 from vsense.robots.link.status import LinkError
 from vsense.robots.link.trackers.client import ArenaClient, TrackerEnded
 from vsense.robots.link.trackers.lines import ArenaListener
+from vsense.robots.link.trackers.mocap import MocapListener
 from vsense.run.runtime import Pace
 from vsense.run.watch import ArenaSource
 from vsense.vision.calibration.checked import of_tracking
@@ -65,7 +66,7 @@ class SteadySource:
     """A source that goes on: silence is no failure, and timesteps are as long as they should be.
 
     Attributes:
-        kind: "cameras", "recording", "original" or "lines".
+        kind: "cameras", "recording", "original", "lines" or "mocap".
         name: where the states come from, for people.
         own: None where another tracker is used.
         doubt: how other machines could move robots through it, "": they cannot.
@@ -169,6 +170,8 @@ def open_source(
     if isinstance(tracker, TrackerAddress):
         return _original(experiment, tracker, say, clock)
     assert tracker is not None
+    if isinstance(tracker, MocapTracker):
+        return _mocap(experiment, tracker, say, clock)
     return _lines(experiment, tracker, say, clock)
 
 
@@ -248,18 +251,40 @@ def _lines(
     experiment: Experiment, tracker: JsonLinesTracker, say: Callable[[str], None], clock: Clock
 ) -> SteadySource:
     listener = ArenaListener(tracker.host, tracker.port, _tags(experiment), say, clock)
-
-    def figures() -> dict[str, int]:
-        return asdict(listener.counters) | asdict(listener.repair.counters)
-
     name, doubt = f"a tracker that writes lines to {tracker.host}, port {listener.port}", ""
     if not is_loopback(tracker.host):
         doubt = f"port {listener.port} on {tracker.host}: any program there moves every robot"
+    return _listening("lines", name, listener, experiment, doubt)
+
+
+def _listening(
+    kind: str, name: str, listener: ArenaListener, experiment: Experiment, doubt: str
+) -> SteadySource:
+    def figures() -> dict[str, int]:
+        return asdict(listener.counters) | asdict(listener.repair.counters)
+
     return SteadySource(
-        *("lines", name, listener, experiment.timestep_ns, figures),
+        *(kind, name, listener, experiment.timestep_ns, figures),
         doubt=doubt,
         expect=lambda changed: listener.repair.expect(_tags(changed)),
     )
+
+
+def _mocap(
+    experiment: Experiment, tracker: MocapTracker, say: Callable[[str], None], clock: Clock
+) -> SteadySource:
+    tags, system = experiment.tags, tracker.system
+    for body, tag in system.bodies.items():
+        if tag not in tags.values():
+            words = f"<vs:tracker> bodies: {body!r} has tag {tag}, which nobody here wears"
+            raise experiment.error(tracker.line, words)
+    named = {str(tag): tag for tag in tags.values()} | dict(tags)
+    system = replace(system, bodies=system.bodies or named)
+    listener = MocapListener(system, _tags(experiment), say, clock)
+    name, doubt = f"motion capture, {listener.name}", ""
+    if not is_loopback(system.settings["hostname"]):
+        doubt = f"{name}: any program that answers in its place moves every robot"
+    return _listening("mocap", name, listener, experiment, doubt)
 
 
 def _tags(experiment: Experiment) -> list[int]:

@@ -8,10 +8,16 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from vsense.base import sharing
-from vsense.base.errors import UsageError
+from vsense.base.errors import UsageError, require
 from vsense.base.terminal import Console
 from vsense.config.experiment import first_robots
-from vsense.config.specs import LINES_PORT, Experiment, JsonLinesTracker, TrackerAddress
+from vsense.config.specs import (
+    LINES_PORT,
+    Experiment,
+    JsonLinesTracker,
+    MocapTracker,
+    TrackerAddress,
+)
 from vsense.modes.options import ExperimentOptions
 from vsense.monitor.ui.access import is_loopback
 from vsense.monitor.ui.control_socket import folder
@@ -122,7 +128,10 @@ def check_ports(room: RoomOptions, link: LinkOptions, experiment: Experiment) ->
 
 
 def require_source(experiment: Experiment, tracking: tuple[str, str] | None) -> None:
-    """Raises UsageError if neither the command line (`tracking`) nor the experiment names one."""
+    """Raises UsageError if neither the command line (`tracking`) nor the experiment names one, or
+    the package that it needs is missing."""
+    if tracking is None and isinstance(experiment.tracker, MocapTracker):
+        require("motion capture needs", "motioncapture")
     if tracking is None and experiment.tracker is None:
         raise UsageError(
             f"{experiment.file} names no tracker: give --tracking RESOURCES.xml SESSION.xml for"

@@ -61,6 +61,7 @@ class TrackOptions:
         output: folder for what runs leave, None: one in `runs/` if they leave something.
         web: where the page is served, None: nowhere.
         foxglove: where Foxglove is served, None: nowhere.
+        ros2: domain of DDS in which ROS 2 hears of it, None: none.
         markers: by tag, where markers sit on their robots.
     """
 
@@ -77,6 +78,7 @@ class TrackOptions:
     output: Path | None = None
     web: WebAddress | None = None
     foxglove: FoxgloveAddress | None = None
+    ros2: int | None = None
     markers: Mapping[int, PlacedMarker] = field(default_factory=dict)
 
     @property
@@ -85,6 +87,7 @@ class TrackOptions:
         return RoomOptions(
             self.web,
             self.foxglove,
+            ros2=self.ros2,
             hold=self.hold,
             record=self.record,
             record_images=self.record_images,
@@ -93,7 +96,7 @@ class TrackOptions:
     @property
     def is_watched(self) -> bool:
         """Whether somebody looks on, or it is kept as it happens: pictures are dated by now."""
-        served = self.web is not None or self.foxglove is not None
+        served = any(door is not None for door in (self.web, self.foxglove, self.ros2))
         return self.hold or served or self.is_recorded
 
     @property
@@ -135,8 +138,8 @@ def _check(options: TrackOptions, session: TrackingSession) -> None:
         raise UsageError(f"--offline: {session.file} uses cameras, expected recordings")
     if options.offline and options.is_watched:
         raise UsageError(
-            "--offline tracks as fast as it can; leave it out where --web, --foxglove, --hold or"
-            " --record need the pictures' own pace"
+            "--offline tracks as fast as it can; leave it out where --web, --foxglove, --ros2,"
+            " --hold or --record need the pictures' own pace"
         )
 
 
@@ -275,6 +278,7 @@ class TrackingRun:
         if not control.begun or self._runs.ended == control.run:
             return False
         self.tracking.check_cameras()  # the run's last picture, too
+        self.tracking.stop()
         self._runs.end(self.tracking)
         return True
 

@@ -40,12 +40,14 @@ class ExportOptions:
         output: folder of the tables; None: FILE without its suffix.
         video: file of a video in place of them.
         foxglove: file of a recording for Foxglove in place of them.
+        rosbag: folder of a bag for ROS 2 in place of them.
         film: of the video, what is asked for, by the names of `VideoPlan`.
     """
 
     output: Path | None = None
     video: Path | None = None
     foxglove: Path | None = None
+    rosbag: Path | None = None
     film: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -80,6 +82,8 @@ def export(
         with interrupted.at_once():
             if options.foxglove is not None:
                 return _foxglove(opened, options.foxglove, console)
+            if options.rosbag is not None:
+                return _rosbag(opened, options.rosbag, console)
             return _tables(opened, options.output or path.with_suffix(""), console)
 
 
@@ -91,10 +95,12 @@ def _check(options: ExportOptions) -> None:
         raise UsageError(f"--{words.get(name, name)} belongs to --video NAME.webm")
     if options.video is not None and options.output is not None:
         raise UsageError("--output and --csv are for tables, --video says its own file: give one")
-    if options.video is not None and options.foxglove is not None:
-        raise UsageError("--video and --foxglove write different files: give one")
-    if options.foxglove is not None and options.output is not None:
-        raise UsageError("--output is the folder of tables: --foxglove names its own file")
+    written = {"video": options.video, "foxglove": options.foxglove, "rosbag": options.rosbag}
+    asked = [f"--{name}" for name, path in written.items() if path is not None]
+    if len(asked) > 1:
+        raise UsageError(f"{' and '.join(asked)} write different files: give one")
+    if asked and options.output is not None:
+        raise UsageError(f"--output is the folder of tables: {asked[0]} names its own file")
 
 
 def _tables(opened: Recording, folder: Path, console: Console) -> Exported:
@@ -151,6 +157,15 @@ def _foxglove(opened: Recording, path: Path, console: Console) -> Exported:
         {"files": sizes, "lacking": lacking},
         [f"{name}: {size / 1e6:.1f} MB" for name, size in sizes.items()],
     )
+
+
+def _rosbag(opened: Recording, folder: Path, console: Console) -> Exported:
+    from vsense.monitor.recording._rosbag import export_rosbag
+
+    counts = export_rosbag(opened, folder)
+    lacking = _say_lacking(opened, console)
+    lines = [f"{folder}: {sum(counts.values())} messages of {len(counts)} topics"]
+    return Exported({"bag": str(folder), "topics": counts, "lacking": lacking}, lines)
 
 
 def _say_lacking(opened: Recording, console: Console) -> dict[str, Any]:

@@ -16,6 +16,7 @@ from vsense.base.message_bus import MessageBus
 from vsense.base.terminal import Console
 from vsense.monitor.ui._certificate import PageTls, tls_of
 from vsense.monitor.ui._foxglove_server import FoxgloveServer
+from vsense.monitor.ui._ros2_publisher import Ros2Publisher, check_ros2
 from vsense.monitor.ui.access import FoxgloveAddress, Tokens, WebAddress, is_loopback, read_tokens
 from vsense.run.changes import Ask
 from vsense.run.orders import Give
@@ -33,11 +34,13 @@ class WatchOptions:
         web: where the page is served, None: nowhere.
         foxglove: where Foxglove is served, None: nowhere.
         tokens: of the page, where its file has none; None: they are drawn.
+        ros2: domain of DDS in which ROS 2 hears of it, None: none.
     """
 
     web: WebAddress | None = None
     foxglove: FoxgloveAddress | None = None
     tokens: Tokens | None = None
+    ros2: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,7 +175,21 @@ def _foxglove(options: WatchOptions) -> MakeWatcher | None:
     return make
 
 
-WATCHERS: tuple[Callable[[WatchOptions], MakeWatcher | None], ...] = (_page, _foxglove)
+def _ros2(options: WatchOptions) -> MakeWatcher | None:
+    domain = options.ros2
+    if domain is None:
+        return None
+    check_ros2(domain)
+
+    def make(runs: WatchedBus) -> Watcher:
+        recording = runs.recording
+        shift_ns = None if recording is None else recording.utc_shift_ns
+        return Ros2Publisher(runs.bus, domain, runs.console, shift_ns)
+
+    return make
+
+
+WATCHERS: tuple[Callable[[WatchOptions], MakeWatcher | None], ...] = (_page, _foxglove, _ros2)
 """Each reads of the options what it needs, and raises VsenseError where it cannot be used; None: it
 is not asked for."""
 

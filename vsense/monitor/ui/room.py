@@ -22,6 +22,7 @@ from vsense.monitor import recording
 from vsense.monitor.recording.form import Data
 from vsense.monitor.ui import keyboard
 from vsense.monitor.ui._foxglove_server import check_foxglove
+from vsense.monitor.ui._ros2_publisher import check_ros2
 from vsense.monitor.ui._watchers import (
     WatchedBus,
     WatchOptions,
@@ -76,6 +77,7 @@ class RoomOptions(WatchOptions):
         """
         if self.record or self.record_images:
             recording.require()
+        check_ros2(self.ros2)
         check_foxglove(self.foxglove, (*ports, None if self.web is None else self.web.port))
         if self.web is None:
             return

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
@@ -14,9 +14,9 @@ import numpy as np
 
 from vsense.base.errors import UsageError, VsenseError
 from vsense.base.terminal import Console, aligned, print_data
-from vsense.vision.calibration import _check
+from vsense.vision.calibration import _check, _references
 from vsense.vision.calibration._check import PointCheck, PointSight, read_seen, rms, steps_m
-from vsense.vision.calibration._pictures import gather, inspect
+from vsense.vision.calibration._pictures import PictureFile, gather, inspect
 from vsense.vision.calibration._placement import FloorReference, TagFinder
 from vsense.vision.calibration._report import PANEL, draw_legibility
 from vsense.vision.calibration._views import View
@@ -45,7 +45,7 @@ class CheckOptions:
     """What a calibration is checked with; see `vsense camera calibrate check -h`.
 
     `limit` and `thickness` are in m. `tracking`: which markers the cameras have to read; `arena_m`
-    are the corners of where they can be.
+    are the corners of where they can be. `keep`: the pictures become the cameras' references.
     """
 
     cameras: Path
@@ -63,6 +63,7 @@ class CheckOptions:
     limit: float | None
     tracking: TrackingSession | None
     arena_m: Sequence[tuple[float, float]] | None
+    keep: bool
     json: bool
 
 
@@ -75,7 +76,7 @@ def run(options: CheckOptions) -> int:
 
     Raises:
         UsageError, ConfigError: options or files are wrong.
-        PoorCalibration: a point is farther off than `limit`.
+        PoorCalibration: a point is farther off than `limit`, or a camera was moved.
         VsenseError: the pictures show nothing of what was measured.
     """
     _check_options(options)
@@ -85,6 +86,8 @@ def run(options: CheckOptions) -> int:
             print_data(str(path))
             return 0
     cameras = cameras_of("--cameras", options.cameras)
+    if not (options.points or options.board):
+        return _with_references(options, cameras)
     result = _with_board(options, cameras) if options.board else _with_points(options, cameras)
     now = datetime.now(timezone.utc).isoformat(timespec="seconds")
     data = _check.as_json(result, now, "board" if options.board else "points")
@@ -103,6 +106,40 @@ def run(options: CheckOptions) -> int:
         raise PoorCalibration(
             f"{data['worst_mm']} mm at worst, expected {1e3 * options.limit:g} mm at most (--limit)"
         )
+    return 0
+
+
+def _with_references(options: CheckOptions, cameras: Mapping[str, Camera]) -> int:
+    """Compares pictures with those of the calibration, or makes them its references; returns 0.
+
+    Raises PoorCalibration where a camera was moved, and UsageError.
+    """
+    pictures = _references.backgrounds(_pictures_of(options, cameras))
+    for name, image in pictures.items():
+        if not _fits(image, cameras[name]):
+            (rows, columns), camera = image.shape, cameras[name]
+            raise UsageError(
+                f"--pictures: {name}: {columns} x {rows} px, expected {camera.width_px} x"
+                f" {camera.height_px} as in its camera file"
+            )
+    if options.keep:
+        paths = _references.keep(options.cameras, pictures, pictures)
+        print_data("\n".join(map(str, paths)))
+        return 0
+    found = _references.compared(options.cameras, pictures)
+    for name, seen in found.items():
+        if isinstance(seen, str):
+            _say(f"camera {name}: cannot be compared: {seen}")
+        else:
+            _say(
+                f"camera {name}: {'has moved' if seen.moved else 'in its place'} {seen.in_words()}"
+            )
+    if options.json:
+        facts = {n: None if isinstance(s, str) else s.facts() for n, s in found.items()}
+        print_data(json.dumps({"cameras": facts}, indent=2))
+    moved = [name for name, seen in found.items() if not isinstance(seen, str) and seen.moved]
+    if moved:
+        raise PoorCalibration(f"moved since the calibration: {', '.join(moved)}")
     return 0
 
 
@@ -134,8 +171,11 @@ def paint_legible(session: TrackingSession, arena_m: Sequence[tuple[float, float
 
 
 def _check_options(options: CheckOptions) -> None:
-    if bool(options.points) + bool(options.board) != 1 and (options.points or not options.tracking):
-        raise UsageError("expected one of --points and --board, or --tracking")
+    measured = bool(options.points) + bool(options.board)
+    if measured > 1 or not (measured or options.tracking or options.pictures):
+        raise UsageError("expected one of --points and --board, or --tracking, or --pictures alone")
+    if options.keep and (measured or options.tracking or not options.pictures):
+        raise UsageError("--keep: expected --pictures, and neither points, board nor --tracking")
     if options.arena_m and not options.tracking:
         raise UsageError("--experiment: expected --tracking")
     if options.board and not options.floor:
@@ -225,19 +265,11 @@ def _views(
     options: CheckOptions, cameras: Mapping[str, Camera], make: Callable[[], Any]
 ) -> list[tuple[str, str, Any]]:
     """What is found in all pictures, each with its camera and moment."""
-    assert options.pictures is not None
-    pictures = gather(options.pictures, options.every)
-    names = {picture: options.camera or picture.camera for picture in pictures}
-    for name in sorted(set(names.values()) - set(cameras)):
-        raise UsageError(
-            f"--pictures: camera {name}: {options.cameras} has no file of it; expected"
-            f" {', '.join(cameras)}, as folder of the pictures or with --camera"
-        )
-
+    pictures = _pictures_of(options, cameras)
     views = []
-    for name in sorted(set(names.values())):
+    for name in sorted({picture.camera for picture in pictures}):
         camera = cameras[name]
-        mine = [picture for picture in pictures if names[picture] == name]
+        mine = [picture for picture in pictures if picture.camera == name]
 
         def bound(camera: Camera = camera) -> Callable[[Image], Any]:
             find = make()
@@ -251,6 +283,19 @@ def _views(
                 )
             views.append((name, picture.moment, seen))
     return views
+
+
+def _pictures_of(options: CheckOptions, cameras: Mapping[str, Camera]) -> list[PictureFile]:
+    """The pictures to look at, each of a camera that has a file."""
+    assert options.pictures is not None
+    pictures = gather(options.pictures, options.every)
+    pictures = [replace(p, camera=options.camera or p.camera) for p in pictures]
+    for name in sorted({picture.camera for picture in pictures} - set(cameras)):
+        raise UsageError(
+            f"--pictures: camera {name}: {options.cameras} has no file of it; expected"
+            f" {', '.join(cameras)}, as folder of the pictures or with --camera"
+        )
+    return pictures
 
 
 def _fits(image: Image, camera: Camera) -> bool:

@@ -27,6 +27,7 @@ from vsense.vision.calibration._placement import (
     read_seen,
     tag_views,
 )
+from vsense.vision.calibration._references import backgrounds, keep
 from vsense.vision.calibration._rig import Rig, RigSolver, Trust
 from vsense.vision.calibration._solution import Solution, check_board
 from vsense.vision.calibration._views import BoardViews, View, read_corners, write_corners
@@ -147,6 +148,7 @@ def rig(options: RigOptions) -> int:
         lens_solution = calibrate_lenses(shoot, board)
         lenses, trust = {c.id: lens_of(c) for c in lens_solution.cameras}, Trust.FREE
     solution = RigSolver(Rig(shoot, board, floor, lenses, trust)).solve()
+    _keep_references(options, [camera.id for camera in solution.cameras])
     title = f"Rig of {_count(len(solution.cameras), 'camera')}"
     return _deliver(options, title, solution, board, shoot.views)
 
@@ -236,6 +238,14 @@ def _looked(
             views.append(View(file.camera, file.moment, *corners))
     _say(f"the board was found in {len(views)} of {_count(len(pictures), 'picture')}")
     return BoardViews(dict(sorted(sizes.items())), views, counts), tag_views(tagged)
+
+
+def _keep_references(options: RigOptions, cameras: Sequence[str]) -> None:
+    """Keeps what the cameras see beside their files: whether one was moved is seen by it."""
+    pictures = gather(options.pictures, options.every) if options.pictures else []
+    pictures = [replace(p, camera=options.camera or p.camera) for p in pictures]
+    mine = [picture for picture in pictures if picture.camera in cameras]
+    keep(options.output, cameras, backgrounds(mine))
 
 
 def _thinned(shoot: BoardViews) -> BoardViews:

@@ -72,6 +72,7 @@ ENDS = {
     "prompt": ("slow",),
     "running": ("frozen",),
     "steady": ("moved", "apart"),
+    "placed": ("displaced",),
     "clear": ("crowded",),
     "timely": ("late",),
     "dated": ("untimely",),

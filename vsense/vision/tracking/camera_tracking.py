@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from vsense.base.arena import ArenaState, Frame
 from vsense.base.errors import GrabberError, NoMorePictures, VsenseError
 from vsense.vision.cameras._paced_grabber import HeldPlayer
+from vsense.vision.cameras._reference import ReferenceWatch
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.cameras.grabber import CameraEvent, Grabber, Troubles
 from vsense.vision.cameras.health import Health
@@ -55,6 +56,7 @@ class CameraTracking:
         troubles: Troubles | None = None,
         check_all: bool = False,
         nodes: Nodes | None = None,
+        references: ReferenceWatch | None = None,
     ) -> None:
         """Takes grabber, tracker and nodes over.
 
@@ -65,6 +67,8 @@ class CameraTracking:
                 checked yet. Otherwise only the newest one is, and not more often than every
                 `CHECK_NS`.
             nodes: other computers, which have some of the cameras, and look at their pictures.
+            references: compares cameras with their reference pictures, before the first state is
+                given and after each run; None: nothing does.
         """
         self.grabber = grabber
         self.tracker = tracker
@@ -73,6 +77,9 @@ class CameraTracking:
         self._say = say
         self._check_all = check_all
         self.nodes = nodes
+        self._references = references or ReferenceWatch({})
+        for note in self._references.notes:
+            say(note)
         elsewhere = frozenset[str]() if nodes is None else nodes.cameras
         self._health = Health(tracker.cameras, tracker.heights_m, elsewhere)
         self._markers = MarkerWatch(tracker.cameras, tracker.heights_m)
@@ -100,7 +107,8 @@ class CameraTracking:
             self.grabber.go_on()
 
     def stop(self) -> None:
-        """The run has ended; cameras are tracked in a run and out of it."""
+        """The run has ended; cameras are tracked in a run and out of it, and compared again."""
+        self._references.again()
 
     def next(self, timeout_s: float) -> tuple[ArenaState, Sequence[Frame]]:
         """Waits for the newest pictures and tracks the robots in them.
@@ -126,6 +134,9 @@ class CameraTracking:
                 raise VsenseError(f"{error}: {self._unusable()}") from None
             raise
         self.record(frames)
+        if displaced := self._references.look(frames):
+            with self._checking:
+                self._tell_events(displaced)
         state = self.tracker.update(frames)
         # A recording that is held shows one picture again and again: its camera has not frozen.
         if not (isinstance(self.grabber, HeldPlayer) and self.grabber.held):

@@ -27,6 +27,7 @@ from vsense.vision.cameras._opencv_source import DeviceSource, teach_opencv
 from vsense.vision.cameras._paced_grabber import HeldPlayer, PacedGrabber
 from vsense.vision.cameras._recorded_grabber import CameraRecording, RecordedGrabber
 from vsense.vision.cameras._recordings import DirectoryRecording, VideoRecording
+from vsense.vision.cameras._reference import ReferenceWatch
 from vsense.vision.cameras.grabber import Grabber, Troubles
 from vsense.vision.cameras.source import FREE, SOFTWARE, Controls, GenicamSettings, Source
 from vsense.vision.markers.families import SquareFamily, load_family
@@ -84,9 +85,19 @@ def open_tracking(
         grabber = _grabber(session, clock, recordings, nodes)
         stack.callback(grabber.close)
         tracker = _tracker(session, nodes)
-        tracking = CameraTracking(grabber, tracker, say, troubles, not session.is_live, nodes)
+        tracking = CameraTracking(
+            grabber, tracker, say, troubles, not session.is_live, nodes, _references(session)
+        )
         stack.pop_all()
     return tracking
+
+
+def _references(session: TrackingSession) -> ReferenceWatch:
+    """Compares cameras here with their reference pictures; nodes keep their pictures."""
+    files = session.resources.cameras
+    here = [view.camera.id for view in session.views if not view.grabber.node]
+    calibrations = {id: files[id].calibration for id in here if id in files}
+    return ReferenceWatch(calibrations, session.is_live)
 
 
 def _check_cells(session: TrackingSession, say: Callable[[str], None]) -> None:

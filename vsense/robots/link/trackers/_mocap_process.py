@@ -1,0 +1,142 @@
+"""The process that asks a motion capture system where its rigid bodies are.
+
+`python -m vsense.robots.link.trackers._mocap_process` has one argument, JSON: `type` and `settings`
+of `motioncapture.connect`, `bodies` (tags by names), `up` and `port`. It connects to that port of
+this machine and writes lines as TRACKERS.md has them; what a person should know goes to its
+standard output, a line each.
+
+It is a process of its own because the library waits in C for servers that may never answer, with
+Python held meanwhile, writes what it likes to standard output, and may crash on a damaged packet.
+Where it waits for longer than `SILENT_S`, the kernel ends the process, and it is started anew.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+import signal
+import socket
+import sys
+from collections.abc import Callable, Iterable, Mapping
+from itertools import count
+from typing import Any
+
+from vsense.base.clock import host_ns
+
+SILENT_S = 3.0
+"""Without a frame for so long the server is asked again."""
+STALE_NS = 500_000_000
+"""A pose that repeats to the last bit for so long is no measurement: its body is not seen."""
+_MOST_NOTES = 8
+
+Pose = tuple[float, float, float, float, float, float, float]
+"""x, y, z [m] and the quaternion x, y, z, w of a rigid body."""
+
+
+class RigidBodies:
+    """Makes reports of rigid bodies: each is a robot with a tag, or nobody.
+
+    Args:
+        tags: by the bodies' names.
+        up: the axis of the system's frame that points up, "y" or "z".
+        repeats: poses may repeat for ever, as those of the mock system do.
+        say: takes a line for people.
+    """
+
+    def __init__(
+        self, tags: Mapping[str, int], up: str, repeats: bool, say: Callable[[str], None]
+    ) -> None:
+        self._tags, self._up, self._repeats, self._say = tags, up, repeats, say
+        self._last: dict[str, tuple[Pose, int]] = {}
+        self._noted: set[str] = set()
+
+    def robots(self, seen: Iterable[tuple[str, Pose]], now_ns: int) -> list[dict[str, Any]]:
+        """The robots of a frame, as lines have them, in any order of the bodies."""
+        robots = []
+        for name, pose in seen:
+            if name not in self._tags:
+                self._note(name, "has no robot: left out")
+            elif not all(map(math.isfinite, pose)) or not any(pose[3:]):
+                self._note(name, "has a pose that is no number: it counts as unseen")
+            elif self._is_new(name, pose, now_ns):
+                x_m, y_m, yaw_rad = on_floor(pose, self._up)
+                robots.append({"tag": self._tags[name], "x_m": x_m, "y_m": y_m, "yaw_rad": yaw_rad})
+            else:
+                self._note(name, f"repeats its pose for {STALE_NS / 1e9:g} s: it counts as unseen")
+        return robots
+
+    def _is_new(self, name: str, pose: Pose, now_ns: int) -> bool:
+        last, since_ns = self._last.get(name, (None, now_ns))
+        if pose != last:
+            self._last[name] = pose, now_ns
+            return True
+        return self._repeats or now_ns - since_ns < STALE_NS
+
+    def _note(self, name: str, words: str) -> None:
+        text = f"rigid body {name[:40]!r} {words}"
+        if text not in self._noted and len(self._noted) < _MOST_NOTES:
+            self._noted.add(text)
+            self._say(text)
+
+
+def on_floor(pose: Pose, up: str) -> tuple[float, float, float]:
+    """Place [m] and heading [rad] in a frame whose z points up, of a body that looks along its x.
+
+    Where y points up, z points to the viewer, as Motive has it.
+    """
+    x_m, y_m, z_m, x, y, z, w = pose
+    length = x * x + y * y + z * z + w * w
+    ahead_x = 1.0 - 2.0 * (y * y + z * z) / length
+    ahead_y = 2.0 * (x * y + w * z) / length
+    ahead_z = 2.0 * (x * z - w * y) / length
+    if up == "y":
+        return x_m, -z_m, math.atan2(-ahead_z, ahead_x)
+    return x_m, y_m, math.atan2(ahead_y, ahead_x)
+
+
+def poses_of(bodies: Mapping[str, Any]) -> Iterable[tuple[str, Pose]]:
+    """Names and poses of the library's rigid bodies."""
+    for name, body in bodies.items():
+        turn = body.rotation
+        x, y, z = map(float, body.position)
+        yield name, (x, y, z, float(turn.x), float(turn.y), float(turn.z), float(turn.w))
+
+
+def main() -> int:
+    """Runs the process until its connection ends, or the system is silent."""
+    order = json.loads(sys.argv[1])
+    # The library writes to both, a line for every packet.
+    told, nothing = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nothing, 1)
+    os.dup2(nothing, 2)
+
+    def say(text: str) -> None:
+        with contextlib.suppress(BrokenPipeError):
+            os.write(told, text.encode(errors="replace") + b"\n")
+
+    try:
+        import motioncapture
+
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
+        signal.setitimer(signal.ITIMER_REAL, SILENT_S)
+        system = motioncapture.connect(order["type"], order["settings"])
+        bodies = RigidBodies(order["bodies"], order["up"], order["type"] == "mock", say)
+        with socket.create_connection(("127.0.0.1", order["port"])) as link:
+            for timestep in count():
+                system.waitForNextFrame()
+                signal.setitimer(signal.ITIMER_REAL, SILENT_S)
+                now_ns = host_ns()
+                robots = bodies.robots(poses_of(system.rigidBodies), now_ns)
+                line = {"timestep": timestep, "capture_ns": now_ns, "robots": robots}
+                link.sendall(json.dumps(line).encode() + b"\n")
+    except (BrokenPipeError, ConnectionError):
+        return 0
+    except Exception as error:  # whatever the library raises; it is told, and this process ends
+        say(str(error)[:200] or type(error).__name__)
+    return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
