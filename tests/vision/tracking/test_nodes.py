@@ -87,9 +87,14 @@ def test_a_recording_on_two_nodes_gives_every_bit_of_one_computer(files: Files) 
     where, told, expected_told = f"tcp/127.0.0.1:{free_port()}", [], []
     expected = tracked(resources, experiment, expected_told)
     central = central_file(resources, where, NODES, "node_recording")
+    text = central.read_text().replace("<nodes ", '<nodes arena="lab" config="zenoh.json5" ')
+    central.write_text(text)
+    config = resources.with_name("zenoh.json5")
+    config.write_text("{ transport: { link: { tx: { threads: 1 } } } }")
     with ExitStack() as stack:
         for name in NODES:
-            stack.callback(RunningNode(name, resources, where).stop)
+            words = ("--arena", "lab", "--config", str(config))
+            stack.callback(RunningNode(name, resources, where, *words).stop)
         states = tracked(central, experiment, told)
     assert states == expected and len(states) == TIMESTEPS
     assert max(len(state[5]) for state in states) == 1, "a robot has joined the roster"

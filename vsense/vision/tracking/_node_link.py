@@ -258,10 +258,11 @@ class NodeLink:
             self._previews[camera] = data
 
     def delay_ns(self, now_ns: int) -> int | None:
-        """How old its rows usually are when they come, at most; None: unknown, or it is silent."""
+        """How old its rows are when they come, usually and now; None: unknown, or it is silent."""
         if not self._delays_ns or now_ns - self.heard_ns > AGAIN_NS:
             return None
-        return int(median([*self._delays_ns]))
+        # What delays all of them, such as a busy network, makes none of them late.
+        return max(int(median(self._delays_ns)), self._delays_ns[-1])
 
     def events(self) -> list[CameraEvent]:
         """Returns what happened to its cameras since the last call."""
