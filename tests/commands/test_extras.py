@@ -64,6 +64,7 @@ NEEDS = {
     "lupa": ("sim lua.argos", "lab lua.argos --port 0", "run lua.argos --tracker lines --port 0"),
     "motioncapture": ("run mocap.argos --port 0",),
     "optuna": ("optimize foraging --vary foraging.release=0..1 --maximize items_home",),
+    "pyarrow": (f"export {RECORDING} --parquet",),
     "rosbags": (f"export {RECORDING} --rosbag bag",),
     "ziglang": (
         *(
@@ -171,6 +172,6 @@ def test_what_needs_an_extra_says_so_before_anything_starts(package: str, folder
 
 def test_every_extra_is_tried() -> None:
     # see tests/studies, and what robot/drivers/thymio.py says
-    from_python = {"anywidget", "pandas", "pettingzoo", "pyarrow"}
+    from_python = {"anywidget", "pandas", "pettingzoo"}
     from_python |= {"serial", "thymiodirect"}
     assert set(NEEDS) == set(EXTRAS) - from_python
