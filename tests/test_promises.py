@@ -144,6 +144,17 @@ PORTS: Mapping[str, tuple[str, Tests]] = {
             "robots/link/test_arena_client.py::test_defect_1_a_state_in_single_bytes_is_whole",
         ),
     ),
+    "motion capture": (
+        "",
+        (
+            "robots/link/test_mocap.py::"
+            "test_bodies_of_optitrack_vanish_come_back_and_change_their_order",
+        ),
+    ),
+    "DDS": (
+        "",
+        (f"{UI}ros2_publisher.py::test_a_run_goes_on_where_the_process_that_publishes_is_killed",),
+    ),
     "GigE cameras": (
         "",
         (
