@@ -159,6 +159,17 @@ PORTS: Mapping[str, tuple[str, Tests]] = {
         "",  # Zenoh listens
         (f"{NODES}the_pages_certificates_let_the_labs_nodes_in_and_nobody_else",),
     ),
+    "motion capture": (
+        "",
+        (
+            "robots/link/test_mocap.py::"
+            "test_bodies_of_optitrack_vanish_come_back_and_change_their_order",
+        ),
+    ),
+    "DDS": (
+        "",
+        (f"{UI}ros2_publisher.py::test_a_run_goes_on_where_the_process_that_publishes_is_killed",),
+    ),
     "GigE cameras": (
         "",
         (

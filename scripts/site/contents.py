@@ -58,6 +58,7 @@ SECTIONS: dict[str, tuple[str, ...]] = {
         "vsense/robots/link/PORTS.md",
         "vsense/robots/link/TRACKERS.md",
         "robot/DRIVERS.md",
+        "vsense/monitor/ROS2.md",
         "vsense/robots/link/LEGACY.md",
         "vsense/monitor/ui/MESSAGES.md",
         "firmware_bridge/README.md",

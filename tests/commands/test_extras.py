@@ -65,6 +65,7 @@ NEEDS = {
     "motioncapture": ("run mocap.argos --port 0",),
     "optuna": ("optimize foraging --vary foraging.release=0..1 --maximize items_home",),
     "zenoh": ("camera node resources.xml --connect tcp/127.0.0.1:7447",),
+    "pyarrow": (f"export {RECORDING} --parquet",),
     "rosbags": (f"export {RECORDING} --rosbag bag",),
     "ziglang": (
         *(
@@ -172,6 +173,6 @@ def test_what_needs_an_extra_says_so_before_anything_starts(package: str, folder
 
 def test_every_extra_is_tried() -> None:
     # see tests/studies, and what robot/drivers/thymio.py says
-    from_python = {"anywidget", "pandas", "pettingzoo", "pyarrow"}
+    from_python = {"anywidget", "pandas", "pettingzoo"}
     from_python |= {"serial", "thymiodirect"}
     assert set(NEEDS) == set(EXTRAS) - from_python

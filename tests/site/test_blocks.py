@@ -32,6 +32,10 @@ ELSEWHERE = {
     r"vsense camera (list|show|tune|init|shoot)|cd lab\b|arv-fake|mkdir cameras": "needs cameras",
     r"python3 -c \"from vsense import Camera": "tests/tools/camera_setup/test_fake_camera.py",
     r"vsense camera calibrate rig": "needs pictures of a board: tests/vision/calibration",
+    r"vsense camera arena align": "needs cameras: tests/tools/camera_setup/test_aligning.py",
+    r"vsense camera calibrate check": "needs cameras: tests/vision/calibration",
+    r"vsense camera calibrate import left": "tests/vision/calibration/test_foreign.py",
+    r"vsense camera track lab --ros2": "needs cameras: tests/monitor/ui/test_ros2_publisher.py",
     r"vsense camera track (resources|lab/)|vsense camera track resources": "needs cameras",
     r"vsense replay (?!.*--retrack)": "serves a page until Ctrl-C: tests/monitor/ui",
     r".*--on tcp": "needs a cluster: tests/modes/sim/test_cluster.py",
@@ -102,6 +106,7 @@ def give(folder: Path, page: str, recording: Path) -> None:
     for name in ("mine", "my_experiment"):
         shutil.copy(shipped, folder / f"{name}.argos")
     shutil.copy(shipped.with_suffix(".py"), folder / "phototaxis.py")
+    shutil.copy(ROOT / "tests" / "data" / "four-cameras" / "camera_array.toml", folder)
     photos = ROOT / "tests" / "data" / "wall-tags" / "photos"
     photo = min(photos.glob("*.jp*g"))
     (folder / "more_photos").mkdir()

@@ -13,10 +13,11 @@ from vsense.commands import _arguments
 from vsense.monitor import recording
 
 DESCRIPTION = (
-    "Writes the tables trajectories.csv, readings.csv, robots.csv, shown.csv, measures.csv and"
-    " events.csv of a recording. Every table has a header; lengths are in m, angles in rad, times"
-    " in s since the recording's beginning. With --video it writes a video instead: the arena, the"
-    " virtual world over the cameras' pictures, the clock and the measures. Nothing is overwritten."
+    "Writes the tables trajectories.csv, readings.csv, heard.csv (who heard whom, and who was not"
+    " heard), robots.csv, shown.csv, measures.csv and events.csv of a recording. Every table has a"
+    " header; lengths are in m, angles in rad, times in s since the recording's beginning. With"
+    " --video it writes a video instead: the arena, the virtual world over the cameras' pictures,"
+    " the clock and the measures. Nothing is overwritten."
 )
 
 _VIDEO_OPTIONS = ("view", "from_s", "to_s", "fps", "speed", "size", "robot")
@@ -29,6 +30,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--csv", action="store_true", help=argparse.SUPPRESS)
     text = "folder for the tables, made if need be (default: FILE without .mcap)"
     _arguments.option(parser, "-o --output", Path, "FOLDER", text)
+    text = "write the tables as Parquet, not CSV (extra tables)"
+    _arguments.flag(parser, "--parquet", text)
     text = (
         "write the recording once more for Foxglove, with its own channels beside ours, and"
         " NAME-layout.json with a layout that fits it, instead of tables; new recordings have these"
@@ -82,7 +85,9 @@ def run(options: argparse.Namespace) -> int:
     film = {name: value for name, value in film.items() if value is not None}
     if options.csv and options.video is not None:
         raise UsageError("--output and --csv are for tables, --video says its own file: give one")
-    wanted = ExportOptions(options.output, options.video, options.foxglove, options.rosbag, film)
+    wanted = ExportOptions(
+        options.output, options.video, options.foxglove, options.rosbag, options.parquet, film
+    )
     with interruption() as interrupted:
         written = export(options.file, wanted, Console(), interrupted)
         if written is None:

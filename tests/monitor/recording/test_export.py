@@ -117,7 +117,8 @@ def test_tables_hold_what_was_recorded(file: Path, tmp_path: Path) -> None:
     folder = tmp_path / "made" / "tables"
     with open_recording(file) as opened:
         assert export_csv(opened, folder) == {
-            "trajectories": 4, "readings": 2, "robots": 6, "shown": 5, "measures": 2, "events": 2,
+            "trajectories": 4, "readings": 2, "heard": 0, "robots": 6, "shown": 5, "measures": 2,
+            "events": 2,
         }  # fmt: skip
     head, first, second, *_ = rows(folder / "trajectories.csv")
     assert head == list(TRAJECTORIES)

@@ -11,11 +11,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from vsense.base.errors import UsageError, failing_as
+from vsense.base.errors import UsageError, failing_as, require
 from vsense.base.message_bus import Message
 from vsense.base.terminal import Console, Interruption
 from vsense.monitor import recording
 from vsense.monitor.recording import changes, form
+from vsense.monitor.recording._hearing import COLUMNS as HEARD
+from vsense.monitor.recording._hearing import SENSOR, Hearing
 from vsense.monitor.recording.form import ExperimentMessage, RecordingError
 from vsense.monitor.recording.reader import Recording, open_recording, read_gap
 
@@ -29,7 +31,7 @@ TRAJECTORIES = (
     "covariance_xx_m2", "covariance_xy_m2", "covariance_x_yaw_m_rad",
     "covariance_yy_m2", "covariance_y_yaw_m_rad", "covariance_yaw_yaw_rad2",
 )  # fmt: skip
-TABLES = ("trajectories", "readings", "robots", "shown", "measures", "events")
+TABLES = ("trajectories", "readings", "heard", "robots", "shown", "measures", "events")
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +43,7 @@ class ExportOptions:
         video: file of a video in place of them.
         foxglove: file of a recording for Foxglove in place of them.
         rosbag: folder of a bag for ROS 2 in place of them.
+        parquet: the tables are Parquet files, not CSV.
         film: of the video, what is asked for, by the names of `VideoPlan`.
     """
 
@@ -48,6 +51,7 @@ class ExportOptions:
     video: Path | None = None
     foxglove: Path | None = None
     rosbag: Path | None = None
+    parquet: bool = False
     film: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -73,6 +77,8 @@ def export(
         CutShort: it was interrupted.
     """
     _check(options)
+    if options.parquet:
+        require("--parquet needs", "pyarrow")
     path = recording.file_of(path)
     with ExitStack() as stack:
         with interrupted.at_once():
@@ -84,7 +90,8 @@ def export(
                 return _foxglove(opened, options.foxglove, console)
             if options.rosbag is not None:
                 return _rosbag(opened, options.rosbag, console)
-            return _tables(opened, options.output or path.with_suffix(""), console)
+            folder = options.output or path.with_suffix("")
+            return _tables(opened, folder, options.parquet, console)
 
 
 def _check(options: ExportOptions) -> None:
@@ -99,16 +106,32 @@ def _check(options: ExportOptions) -> None:
     asked = [f"--{name}" for name, path in written.items() if path is not None]
     if len(asked) > 1:
         raise UsageError(f"{' and '.join(asked)} write different files: give one")
+    if asked and options.parquet:
+        raise UsageError(f"--parquet is for tables: {asked[0]} writes none")
     if asked and options.output is not None:
         raise UsageError(f"--output is the folder of tables: {asked[0]} names its own file")
 
 
-def _tables(opened: Recording, folder: Path, console: Console) -> Exported:
+def _tables(opened: Recording, folder: Path, parquet: bool, console: Console) -> Exported:
     rows = export_csv(opened, folder)
+    if parquet:
+        with failing_as(RecordingError, f"{folder}: cannot be written"):
+            for name in rows:
+                _as_parquet(folder / f"{name}.csv")
     lacking = _say_lacking(opened, console)
-    tables = {f"{folder / name}.csv": count for name, count in rows.items()}
+    ending = "parquet" if parquet else "csv"
+    tables = {f"{folder / name}.{ending}": count for name, count in rows.items()}
     facts = {"tables": tables, "lacking": lacking}
     return Exported(facts, [f"{name}: {n} rows" for name, n in tables.items()])
+
+
+def _as_parquet(path: Path) -> None:
+    """Puts a Parquet file in the place of a table."""
+    from pyarrow import csv as tables
+    from pyarrow import parquet
+
+    parquet.write_table(tables.read_csv(path), path.with_suffix(".parquet"))
+    path.unlink()
 
 
 def _video(
@@ -209,19 +232,21 @@ class _Export:
         self._columns = _columns(self._sensors)
         self._measures = self._measure_names()
         self._shown: dict[int, dict[str, Any]] = {}
+        self._hearing = Hearing(experiment)
 
     def write(self) -> dict[str, int]:
         write = self._write
         write["trajectories"](list(TRAJECTORIES))
         write["robots"](["time_s", *form.ROBOT_COLUMNS])
+        write["heard"](["time_s", *HEARD])
         write["events"](list(recording.EVENTS))
         write["shown"](list(recording.SHOWN))
         write["measures"](["time_s", "timestep", *self._measures])
         names = [[f"{s}_{n}" for n in range(k)] + [f"{s}_age_s"] for s, k in self._columns.items()]
         write["readings"](["time_s", "timestep", "tag", *(n for columns in names for n in columns)])
         rows: dict[str, list[tuple[str, Callable[[Message], Iterable[Cells]]]]] = {
-            "/arena": [("trajectories", _poses)],
-            "/readings": [("readings", self._readings)],
+            "/arena": [("trajectories", _poses), ("heard", self._see)],
+            "/readings": [("readings", self._readings), ("heard", self._heard)],
             "/robots": [("robots", _robots), ("shown", self._changes)],
             "/signals": [("measures", self._measure)],
             "/event": [("events", _event)],
@@ -258,6 +283,19 @@ class _Export:
         for tag, values in zip(message.data["tag"], message.data.get("shown") or []):
             before, self._shown[tag] = self._shown.get(tag, {}), values
             yield from ([tag, name, value] for name, value in changes(before, values))
+
+    def _see(self, message: Message) -> Iterable[Cells]:
+        self._hearing.see(message.data)
+        return ()
+
+    def _heard(self, message: Message) -> Iterable[Cells]:
+        """Who heard whom, and who was not heard."""
+        data = message.data
+        for tag, values, taken in zip(data["tag"], data["values"], data["captured_ns"]):
+            names = [name for name, _ in self._sensors[self._controller_of.get(tag, 0)]]
+            if SENSOR in names:
+                at = names.index(SENSOR)
+                yield from self._hearing.rows(data, tag, values[at], taken[at])
 
     def _readings(self, message: Message) -> Iterable[Cells]:
         data = message.data

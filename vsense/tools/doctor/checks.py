@@ -55,7 +55,7 @@ _PURPOSES = {
     "optimize": "searches for the best settings (vsense optimize)",
     "ros2": "robots with ROS 2 (exec:ros2), and poses for it (--ros2)",
     "rosbag": "bags of ROS 2 (vsense export --rosbag)",
-    "tables": "runs as data frames (to_pandas)",
+    "tables": "runs as data frames (to_pandas), tables as Parquet (export --parquet)",
     "thymio": "the driver of Thymios (exec:thymio)",
 }
 

@@ -67,8 +67,7 @@ class CameraTracking:
                 checked yet. Otherwise only the newest one is, and not more often than every
                 `CHECK_NS`.
             nodes: other computers, which have some of the cameras, and look at their pictures.
-            references: compares cameras with their reference pictures, before the first state is
-                given and after each run; None: nothing does.
+            references: compares cameras with their reference pictures, before and after runs.
         """
         self.grabber = grabber
         self.tracker = tracker
