@@ -12,6 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
+#include <sys/prctl.h>
 #include <sys/time.h>
 #include <time.h>
 #include <unistd.h>
@@ -88,6 +89,7 @@ int main(int count, char **arguments)
 {
     if (count != 3)
         return 2;
+    prctl(PR_SET_PDEATHSIG, SIGKILL); /* it never outlives its test */
     words = arguments;
     line = atoi(arguments[1]);
     int file = open(arguments[2], O_RDWR | O_CLOEXEC);
