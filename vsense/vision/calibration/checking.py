@@ -131,9 +131,8 @@ def _with_references(options: CheckOptions, cameras: Mapping[str, Camera]) -> in
         if isinstance(seen, str):
             _say(f"camera {name}: cannot be compared: {seen}")
         else:
-            _say(
-                f"camera {name}: {'has moved' if seen.moved else 'in its place'} {seen.in_words()}"
-            )
+            place = f"in its place: {seen.px:.1f} px"
+            _say(f"camera {name}: {f'has moved {seen.in_words()}' if seen.moved else place}")
     if options.json:
         facts = {n: None if isinstance(s, str) else s.facts() for n, s in found.items()}
         print_data(json.dumps({"cameras": facts}, indent=2))
