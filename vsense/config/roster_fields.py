@@ -260,9 +260,8 @@ def _rescaled(text: str | None, model: str, nominal: Sequence[float]) -> str | N
         nothing = low + (usual[0] - nominal[0]) / gain
         wall = nothing + (usual[1] - usual[0]) / gain
         if max(abs(nothing), abs(wall)) > _SPAN_MOST or wall - nothing < _SPAN_LEAST:
-            words = f"that {span} of the model {model} are {nothing:.0f}:{wall:.0f} of an e-puck"
-            most = f"{-_SPAN_MOST}..{_SPAN_MOST} and {_SPAN_LEAST} apart"
-            raise ValueError(f"{error} {most}, and here it is {words}")
+            words = f"{-_SPAN_MOST}..{_SPAN_MOST} and {_SPAN_LEAST} apart as an e-puck's"
+            raise ValueError(f"{error} {words}; {span} of {model} are {nothing:.0f}:{wall:.0f}")
         spans.append(f"{nothing:.0f}:{wall:.0f}")
     return ",".join(spans)
 
