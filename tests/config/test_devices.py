@@ -240,12 +240,16 @@ CAMERA = (
         ("foot-bot", "epuck_proximity", "reads 8 sensors.*footbot has 24: expected <proximity>"),
         ("foot-bot", "epuck_light", "reads 8 sensors.*footbot has 24: expected <light>"),
         ("pipuck", "footbot_proximity", "pipuck has rangefinders: expected <pipuck_rangefinders>"),
+        ("e-puck", "kheperaiv_proximity", "other angles.*epuck has: expected <proximity>"),
+        ("kheperaiv", "epuck_proximity", "other angles.*kheperaiv has: expected <proximity>"),
+        ("kheperaiv", "footbot_light", "other angles.*kheperaiv has: expected <light>"),
     ],
 )
 def test_an_element_for_other_sensors_than_a_model_has_is_refused(
     loaded: Read, robot: str, device: str, words: str
 ) -> None:
-    """A controller would read the first eight of 24, or distances for proximity."""
+    """A controller would read the first eight of 24, distances for proximity, or an e-puck's
+    sensors for those of a Khepera IV, which look elsewhere."""
     text = FOOT_BOTS.replace("CAMERA", "").replace("foot-bot", robot)
     text = re.sub("<footbot_(proximity|light) [^>]*>", "", text)
     text = text.replace(

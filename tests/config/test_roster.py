@@ -259,3 +259,43 @@ def test_writers_wait_for_each_other(lab: Path) -> None:
     assert [writer.exitcode for writer in writers] == [0, 0, 0]
     places = [robot.marker for robot in roster.read(lab).robots]
     assert all(m is not None and (m.x_m, m.y_m) == (0.009, 0.009) for m in places)
+
+
+BLIND = """[body]
+radius_m = 0.08
+height_m = 0.05
+marker_height_m = 0.06
+mass_kg = 0.2
+[wheels]
+axle_m = 0.094
+diameter_m = 0.041
+steps_per_turn = 1000
+max_steps_s = 1289
+"""
+NEAR_RING = """[ring]
+places_m = [[0.08, 0.0]]
+headings_deg = [0.0]
+half_cone_deg = 15.0
+table_m = [0.0, 0.005]
+table_raw = [4095.0, 0.0]
+noise_raw = 1.0
+"""
+FAINT_RING = NEAR_RING.replace("0.005]", "0.02]").replace("4095.0, 0.0", "40.0, 0.0")
+
+
+@pytest.mark.parametrize("ring, expected", [
+    ("", "expected none"), (NEAR_RING, "expected none"), (FAINT_RING, "expected -4096..4096"),
+])  # fmt: skip
+def test_spans_that_a_models_sensors_do_not_have_are_refused(
+    tmp_path: Path, ring: str, expected: str
+) -> None:
+    (tmp_path / "blind.toml").write_text(BLIND + ring)
+    path = tmp_path / "robots.toml"
+    path.write_text(
+        '[[robot]]\ntag = 31\nmodel = "blind"\n[robot.calibration]\nproximity_scale = "80:1500"\n'
+    )
+    lab = roster.read(path)
+    with pytest.raises(
+        ConfigError, match=rf"robots.toml:1: proximity_scale = '80:1500': {expected}"
+    ):
+        lab.settings_of(lab.robots[0])

@@ -65,6 +65,8 @@ def test_an_id_is_a_name(kind: type, name: Any) -> None:
         (VirtualRobot, "tag", 65_535),
         (VirtualRobot, "tag", 2**32),
         (VirtualRobot, "tag", 7e4),
+        (VirtualRobot, "model", "thymio2"),
+        (VirtualRobot, "model", None),
     ],
 )
 def test_out_of_range(kind: type, name: str, wrong: Any) -> None:

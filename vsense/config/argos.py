@@ -152,7 +152,7 @@ BOARD_HINT = f"is the robot's own, where it has that board; {_INSTEAD} makes it 
 VIRTUAL_ONLY = f"the robots have none; {_INSTEAD} gives them one"
 """Said of devices of ARGoS that are not mounted as virtual ones."""
 
-PROXIMITY_SENSORS = ("epuck_proximity", "footbot_proximity", "kheperaiv_proximity", "proximity")
+PROXIMITY_SENSORS = ("epuck_proximity", "footbot_proximity", "proximity")
 """Devices for which the robots' own ring is as good, except where it is simulated with noise."""
 
 STEERING_NOISE = {
@@ -270,7 +270,7 @@ def pass_over(element: Element, settings: Mapping[str, tuple[str, str]]) -> None
             element.warn(f"{key} is not used: {instead}")
 
 
-_RINGS = ("footbot_light", "light", *PROXIMITY_SENSORS)
+_RINGS = ("footbot_light", "kheperaiv_proximity", "light", *PROXIMITY_SENSORS)
 _NUMBER_BYTES, _OTHER_BYTES, _STAMP_BYTES, _BLOB = 4, 64, 8, 5
 _OWN_BYTES = 304
 """Of a number, of a device that is no ring, and of what belongs to each on the wire, at most;

@@ -56,7 +56,7 @@ class RobotCalibration:
             self,
             wheel_diameter_mm=_share("wheel_diameter_mm", self, model.diameter_m),
             axle_length_mm=_share("axle_length_mm", self, model.axle_m),
-            proximity_scale=_rescaled(self.proximity_scale, nominal),
+            proximity_scale=_rescaled(self.proximity_scale, model.name, nominal),
         ).settings
 
 
@@ -228,6 +228,10 @@ _LENGTHS_MM = {"wheel_diameter_mm": (30.0, 50.0), "axle_length_mm": (40.0, 70.0)
 """What vsensed takes of an e-puck, as `calibration.c` has it."""
 
 
+_SPAN_MOST, _SPAN_LEAST = 4096, 16
+"""What vsensed takes of spans of proximity: their ends, and how far these are apart."""
+
+
 def _share(name: str, measured: RobotCalibration, nominal_m: float) -> float | None:
     """A length [mm] as an e-puck would have it."""
     value: float | None = getattr(measured, name)
@@ -241,17 +245,24 @@ def _share(name: str, measured: RobotCalibration, nominal_m: float) -> float | N
     return value * share
 
 
-def _rescaled(text: str | None, nominal: Sequence[float]) -> str | None:
+def _rescaled(text: str | None, model: str, nominal: Sequence[float]) -> str | None:
     """Spans of proximity as an e-puck would have them, whose readings become `nominal` here."""
     usual = EPUCK.ring.span[1:]
     if text is None or tuple(nominal) == usual:
         return text
+    error = f"proximity_scale = {text[:40]!r}: expected"
+    if nominal[0] == nominal[1]:
+        raise ValueError(f"{error} none: sensors of the model {model} do not see a wall 1 cm ahead")
     spans = []
     for span in text.split(","):
         low, high = map(float, span.split(":"))
         gain = (nominal[1] - nominal[0]) / (high - low)
         nothing = low + (usual[0] - nominal[0]) / gain
-        spans.append(f"{nothing:.0f}:{nothing + (usual[1] - usual[0]) / gain:.0f}")
+        wall = nothing + (usual[1] - usual[0]) / gain
+        if max(abs(nothing), abs(wall)) > _SPAN_MOST or wall - nothing < _SPAN_LEAST:
+            words = f"{-_SPAN_MOST}..{_SPAN_MOST} and {_SPAN_LEAST} apart as an e-puck's"
+            raise ValueError(f"{error} {words}; {span} of {model} are {nothing:.0f}:{wall:.0f}")
+        spans.append(f"{nothing:.0f}:{wall:.0f}")
     return ",".join(spans)
 
 

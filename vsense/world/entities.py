@@ -206,7 +206,7 @@ class VirtualRobot:
         if not is_integer or not VIRTUAL_TAG_MIN <= self.tag < 2**32:
             expected = f"a whole number from {VIRTUAL_TAG_MIN} on: smaller ones are real markers"
             raise _error(self, "tag", self.tag, expected)
-        _check(self, x_m=_number, y_m=_number, yaw_rad=_angle)
+        _check(self, x_m=_number, y_m=_number, yaw_rad=_angle, model=_model)
 
 
 Entity = Box | Cylinder | Light | Zone | VirtualRobot
@@ -239,6 +239,13 @@ def _check(entity: Entity, **checks: Callable[[Any, str], object]) -> None:
         raise _error(entity, "id", entity.id, "a name")
     for name, check in checks.items():
         object.__setattr__(entity, name, check(entity, name))
+
+
+def _model(entity: Entity, name: str) -> RobotModel:
+    model = getattr(entity, name)
+    if not isinstance(model, RobotModel):
+        raise _error(entity, name, model, "what model_of(name) of world.robot_models gives")
+    return model
 
 
 def _number(

@@ -287,6 +287,11 @@ def test_a_rosters_sheets_know_bodies_and_name_those_smaller_than_a_disc(
     assert "larger than the bodies of 4334 (60 mm)" in " ".join(said.err.split())
     assert cli.main([*words, "--size", "60mm"]) == 0
     assert "larger than the bodies" not in capsys.readouterr().err
+    tiny = (MODELS_FOLDER / "kheperaiv.toml").read_text().partition("# Clockwise")[0]
+    tiny = tiny.replace("0.0704", "0.003").replace("0.1054", "0.004")
+    (tmp_path / "small.toml").write_text(tiny)
+    assert cli.main([*words, "--size", "10mm"]) == 0  # smaller ones are refused
+    assert "(6 mm)" in (told := " ".join(capsys.readouterr().err.split())) and "no size" in told
     roster.write_text(roster.read_text().replace('"small"', '"smal"'))
     assert cli.main(words) == 2
     assert "robots.toml:7: model: there is no robot model 'smal'" in capsys.readouterr().err

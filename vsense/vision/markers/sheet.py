@@ -322,10 +322,11 @@ def _too_large(options: SheetOptions, size_mm: float) -> str | None:
     names = ", ".join(
         f"{options.names.get(tag) or tag} ({body:.0f} mm)" for tag, body in small.items()
     )
+    fitting_mm = math.floor(min(small.values()))
+    fits = f"--size {fitting_mm}mm fits" if fitting_mm >= SMALLEST_MM else "no size fits"
     return (
         f"discs of {size_mm:g} mm are larger than the bodies of {names}: those of neighbours may"
-        f" cover each other; --size {math.floor(min(small.values()))}mm fits, and one experiment's"
-        " markers all have one size"
+        f" cover each other; {fits}, and one experiment's markers all have one size"
     )
 
 

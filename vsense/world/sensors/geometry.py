@@ -73,7 +73,8 @@ class Ring:
         return len(self.angles_rad)
 
 
-_READINGS = {"epuck": (8,), "footbot": (24, 8), "kheperaiv": (8,)}
+_KHEPERA = "kheperaiv"
+_READINGS = {"epuck": (8,), "footbot": (24, 8), _KHEPERA: (8,)}
 """How many sensors ARGoS's elements of these names read; of an e-puck's a foot-bot's are made."""
 
 
@@ -84,6 +85,9 @@ def check_readings(element: Element, model: RobotModel, seat: InfraredModel) -> 
     if counts and count not in counts:
         words = f"reads {counts[0]} sensors, and a robot of the model {model.name} has {count}"
         raise element.error(f"{words}: expected <{device}>, which reads them all")
+    if counts and (kind == _KHEPERA) != (seat.curve == _KHEPERA):
+        words = f"reads sensors at other angles than a robot of the model {model.name} has"
+        raise element.error(f"{words}: expected <{device}>")
 
 
 class SensedScene:
