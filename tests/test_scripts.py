@@ -170,7 +170,7 @@ SUBJECTS = (
     *("tracking", "identity", "world", "sim", "homing", "grabbing", "robot"),
     "embedded",
     *("hard", "argos", "spread", "faults", "fuzz", "soak", "mutants", "callbacks"),
-    *("disobedience", "firmware"),
+    *("disobedience", "firmware", "nodes"),
 )
 
 

@@ -175,7 +175,8 @@ _BLACK_RECTANGLE = 'black_min_x="0" black_min_y="0" black_max_x="1" black_max_y=
 _ONE_DEVICE = """<argos-configuration xmlns:vs="urn:vsense:1">
 <framework><experiment length="1" ticks_per_second="10" /></framework>
 <controllers><c id="c" library="mine.c"><{section}><{device} /></{section}></c></controllers>
-<arena size="2,2,1"><e-puck id="a_1_1"><body position="0,0,0" orientation="0,0,0" />
+<arena size="2,2,1"><e-puck id="a_1_1" vs:model="{model}">
+<body position="0,0,0" orientation="0,0,0" />
 <controller config="c" /></e-puck></arena></argos-configuration>"""
 
 
@@ -183,7 +184,8 @@ def _each_device() -> Iterator[str]:
     """An experiment for each device of ARGoS's that is known."""
     for section in (SENSORS, ACTUATORS):
         for device in sorted({*of_argos(section), *argos.OWN_DEVICES[section]}):
-            yield _ONE_DEVICE.format(section=section, device=device)
+            model = "kheperaiv" if device.startswith("kheperaiv") else "epuck"
+            yield _ONE_DEVICE.format(section=section, device=device, model=model)
 
 
 _Calls = dict[int, list[tuple[str, str, dict[str, Any]]]]

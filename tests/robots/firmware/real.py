@@ -155,7 +155,7 @@ FIRMWARES = (
         dark=4095,
         leds=0xFF,
         options=",mode=extension",
-        # Below 601 steps/s each repetition of a speed begins a step's pause anew.
+        # Below 601 steps/s each repetition of a speed begins a step's pause again.
         spread=0.1,
     ),
     Firmware(

@@ -229,10 +229,13 @@ class _Message:
     @classmethod
     def read(cls: type[MessageKind], data: Mapping[str, Any]) -> MessageKind:
         """Reads a message of any version; what is missing or of another type has its default."""
-        values = {}
+        values: Data = {}
+        lists = {f.name for f in fields(cls) if f.type == "list[Data]"}  # type: ignore[arg-type]
         for name, (_, types) in cls.kinds().items():
             value = data.get(name)
-            if isinstance(value, types) and (bool in types or not isinstance(value, bool)):
+            if name in lists and isinstance(value, list):
+                values[name] = [row for row in value if isinstance(row, dict)]
+            elif isinstance(value, types) and (bool in types or not isinstance(value, bool)):
                 values[name] = value
         return cls(**values)
 
@@ -272,8 +275,7 @@ class ExperimentMessage(_Message):
 
         What is damaged is left out.
         """
-        rows = enumerate(row for row in self.controllers if isinstance(row, dict))
-        tags = ((n, row.get("tags")) for n, row in rows)
+        tags = ((n, row.get("tags")) for n, row in enumerate(self.controllers))
         groups = ((n, members) for n, members in tags if isinstance(members, list))
         return {tag: n for n, members in groups for tag in members if isinstance(tag, int)}
 

@@ -222,7 +222,7 @@ class RecordedRuns:
         if run.row is None or not run.table:
             return
         before = _comparing.row_of(self._places.package / run.table, run.row)
-        tags = [robot.get("tag") for robot in experiment.robots if isinstance(robot, dict)]
+        tags = [robot.get("tag") for robot in experiment.robots]
         now = {"robots": str(len(tags)), "tags": " ".join(map(str, tags))}
         now |= {name: f"{value:.12g}" for name, value in results.items() if name in before}
         now |= self._timing(run, experiment, before)
