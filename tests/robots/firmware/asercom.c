@@ -3,6 +3,7 @@
  * Functions of cameras, sound and the like that it never calls are added when it is linked. */
 #include "motor_led/e_epuck_ports.h"
 
+#include "leds_on.h"
 #include "memory.h"
 #include "page.h"
 
@@ -53,6 +54,5 @@ void chip_shows(struct page *shown)
 {
     shown->left_steps = e_get_steps_left();
     shown->right_steps = e_get_steps_right();
-    shown->leds = LED0 | LED1 << 1 | LED2 << 2 | LED3 << 3 | LED4 << 4 | LED5 << 5 | LED6 << 6
-                  | LED7 << 7 | BODY_LED << 8 | FRONT_LED << 9;
+    shown->leds = leds_on();
 }

@@ -14,6 +14,7 @@
 #include "ir_sensors.h"
 #include "leds.h"
 #include "motors.h"
+#include "leds_on.h"
 #include "page.h"
 
 enum { HEADER = 6, REPLY = 5, FREE = -1 };
@@ -140,6 +141,5 @@ void chip_shows(struct page *shown)
 {
     shown->left_steps = (int16_t)motors_get_steps_left();
     shown->right_steps = (int16_t)motors_get_steps_right();
-    shown->leds = LED0 | LED1 << 1 | LED2 << 2 | LED3 << 3 | LED4 << 4 | LED5 << 5 | LED6 << 6
-                  | LED7 << 7 | BODY_LED << 8 | FRONT_LED << 9;
+    shown->leds = leds_on();
 }
