@@ -320,7 +320,7 @@ def test_the_table_of_extras_is_that_of_the_package() -> None:
     for line, _, extra in lines:
         if extra.strip("'\"") in ours and not line.startswith("vsense["):
             package = line.rstrip("0123456789.<>=").removesuffix("-sdk")  # imported without
-            package = package.replace("pyserial", "serial")  # likewise
+            package = package.replace("pyserial", "serial").removeprefix("eclipse-")  # likewise
             own_extra = package.partition("[")[2].removesuffix("]")  # dask[distributed]
             assert errors.EXTRAS[own_extra or package] == extra.strip("'\"")
 

@@ -17,6 +17,7 @@ from tests.rigs.places import ROOT
 from tests.rigs.processes import free_port
 
 zenoh = pytest.importorskip("zenoh", reason="pip install vsense[nodes]")
+pytestmark = pytest.mark.paced
 
 PAGE = ROOT / "vsense" / "vision" / "tracking" / "NODES.md"
 PROGRAM = ("-m", "tests.rigs.playing_node")
