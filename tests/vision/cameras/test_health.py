@@ -9,7 +9,13 @@ import pytest
 from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, render
 from vsense.base.arena import DETECTION, UNNAMED, Frame
 from vsense.vision.cameras.camera import Camera
-from vsense.vision.cameras.health import Agreement, CameraHealth, Health, Steadiness
+from vsense.vision.cameras.health import (
+    Agreement,
+    CameraHealth,
+    Health,
+    Steadiness,
+    marker_places,
+)
 from vsense.vision.markers.families import load_family
 from vsense.vision.tracking._detector import make_detector
 
@@ -221,11 +227,9 @@ def neighbours() -> tuple[Camera, Camera]:
 
 def events(places: dict[str, dict[int, tuple[float, float]]], times: int) -> list[str]:
     """What is told when two cameras see markers at these places again and again."""
-    cameras = {camera.id: camera for camera in neighbours()}
-    agreement = Agreement(cameras)
-    found = {id: detections(camera, places[id]) for id, camera in cameras.items()}
-    heights = dict.fromkeys(range(5), 0.06)
-    return [str(e) for _ in range(times) for e in agreement.compare(found, heights)]
+    agreement, heights = Agreement(), dict.fromkeys(range(5), 0.06)
+    found = {c.id: marker_places(c, detections(c, places[c.id]), heights) for c in neighbours()}
+    return [str(e) for _ in range(times) for e in agreement.compare(found)]
 
 
 def test_cameras_that_disagree_about_common_markers_are_told_with_how_much() -> None:

@@ -143,25 +143,16 @@ class CameraHealth:
 class Agreement:
     """Compares two cameras' places of the same markers, which differ where one has moved."""
 
-    def __init__(self, cameras: Mapping[str, Camera], delays: CameraDelays | None = None) -> None:
+    def __init__(self, delays: CameraDelays | None = None) -> None:
         """`delays` knows what is no disagreement: robots have driven on meanwhile."""
-        self._cameras = cameras
         self._delays = delays or CameraDelays()
         self._gaps: dict[tuple[str, str], deque[_Gap]] = {}
         self._alarms: dict[tuple[str, str], _Alarm] = {}
 
-    def compare(
-        self, seen: Mapping[str, NDArray[np.void]], heights_m: Mapping[int, float]
-    ) -> list[CameraEvent]:
-        """Compares one timestep's DETECTION arrays; returns what has begun or ended.
-
-        `heights_m` are the heights of the tags' markers above the floor.
-        """
-        places = {
-            c: marker_places(self._cameras[c], rows, heights_m) for c, rows in sorted(seen.items())
-        }
+    def compare(self, places: Mapping[str, MarkerPlaces]) -> list[CameraEvent]:
+        """Compares what cameras show in one timestep; returns what has begun or ended."""
         events = []
-        for first, second in combinations(places, 2):
+        for first, second in combinations(sorted(places), 2):
             common = places[first].keys() & places[second].keys()
             gaps = [(tag, places[first][tag] - places[second][tag]) for tag in sorted(common)]
             if gaps:
@@ -190,9 +181,13 @@ class Agreement:
         return self._alarms[pair].update(apart_m > APART_M, text)
 
 
+MarkerPlaces = dict[int, NDArray[np.float64]]
+"""Where a picture shows each tag that it shows once, (2,) in the arena [m]."""
+
+
 def marker_places(
     camera: Camera, rows: NDArray[np.void], heights_m: Mapping[int, float]
-) -> dict[int, NDArray[np.float64]]:
+) -> MarkerPlaces:
     """Returns where a picture's DETECTION array shows each tag that it shows once, (2,) [m]."""
     tags, counts = np.unique(rows["tag"], return_counts=True)
     once = {int(tag) for tag in tags[counts == 1] if tag != UNNAMED and int(tag) in heights_m}
@@ -219,7 +214,7 @@ class Health:
         self._rig = {c.id: c for c in cameras}
         self._cameras = {c.id: CameraHealth(c) for c in cameras}
         self._delays = CameraDelays()
-        self._agreement = Agreement(self._rig, self._delays)
+        self._agreement = Agreement(self._delays)
         self._turn = 0
 
     def update(
@@ -253,21 +248,24 @@ class Health:
             self._turn += 1
             rows = detections.get(frame.camera)
             events += self._cameras[frame.camera].check_place(frame.image, rows)
-        events += self._check_times(frames, detections)
-        seen = detections if together is None else together
-        return events + self._agreement.compare(seen, self._heights_m)
+        places = self._places(detections)
+        events += self._check_times(frames, places)
+        # Mostly all pictures of a timestep are checked at once: their places are known.
+        others = {c: r for c, r in (together or {}).items() if r is not detections.get(c)}
+        same = places if together is None else {c: places[c] for c in together if c not in others}
+        return events + self._agreement.compare({**same, **self._places(others)})
+
+    def _places(self, seen: Mapping[str, NDArray[np.void]]) -> dict[str, MarkerPlaces]:
+        return {c: marker_places(self._rig[c], r, self._heights_m) for c, r in seen.items()}
 
     def _check_times(
-        self, frames: Sequence[Frame], detections: Mapping[str, NDArray[np.void]]
+        self, frames: Sequence[Frame], places: Mapping[str, MarkerPlaces]
     ) -> list[CameraEvent]:
         """Reports cameras whose pictures are older than their stamps."""
-        for frame in frames:
-            if frame.camera in detections:
-                rig, rows = self._rig[frame.camera], detections[frame.camera]
-                places = marker_places(rig, rows, self._heights_m)
-                self._delays.see(frame.camera, frame.capture_ns, places)
-        timely = [frame.capture_ns for frame in frames if frame.camera in detections]
-        now_ns = max(timely, default=0)
+        timely = [frame for frame in frames if frame.camera in places]
+        for frame in timely:
+            self._delays.see(frame.camera, frame.capture_ns, places[frame.camera])
+        now_ns = max((frame.capture_ns for frame in timely), default=0)
         return [_timed(*change) for change in self._delays.compare(now_ns)]
 
 

@@ -93,7 +93,7 @@ class MarkerWatch:
             for row in np.flatnonzero(rows["read"]).tolist()
         ]
         unread = np.flatnonzero(~rows["read"])
-        if len(unread) > max(1.0, _LEFT_UNREAD * len(rows)):
+        if len(unread) == 0 or len(unread) > max(1.0, _LEFT_UNREAD * len(rows)):
             return lines
         for row, tag in zip(unread.tolist(), self._whose(rows, places, unread, now_ns)):
             is_legible = bool(rows["legible"][row])
