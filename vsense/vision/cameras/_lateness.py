@@ -141,7 +141,6 @@ def jump_in_words(jump_ns: int) -> str:
 
 
 Floats = NDArray[np.float64]
-TimedPlace = Sequence[float] | Floats
 _Way = deque[tuple[int, float, float]]
 _Pair = tuple[str, str]
 
@@ -213,14 +212,14 @@ class CameraDelays:
         self.late_s: dict[str, float] = {}
         """The cameras that are late, by how much."""
 
-    def see(self, camera: str, capture_ns: int, places: Mapping[int, TimedPlace]) -> None:
+    def see(self, camera: str, capture_ns: int, places: Mapping[int, Sequence[float]]) -> None:
         """Takes the places [m] of the tags that a picture shows once."""
         ways = self._ways[camera]
         for tag, (x_m, y_m) in places.items():
             way = ways.setdefault(tag, deque())
             if way and capture_ns <= way[-1][0]:
                 way.clear()  # a recording begins again, or a clock was set back
-            way.append((capture_ns, float(x_m), float(y_m)))
+            way.append((capture_ns, x_m, y_m))
         for tag, way in list(ways.items()):
             while way and abs(capture_ns - way[0][0]) > 1e9 * WAYS_WINDOW_S:
                 way.popleft()

@@ -10,9 +10,11 @@ covered; most of them decide.
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from itertools import combinations
+from math import hypot
+from statistics import median
 
 import cv2
 import numpy as np
@@ -27,7 +29,7 @@ _STEP = 16
 _FULL_SCALE = 250
 """Grey from which a pixel is at full scale: noise and compression take a few levels."""
 
-_Gap = tuple[int, NDArray[np.float64]]
+_Gap = tuple[int, float, float]
 """A tag, and its place by one camera minus its place by another [m]."""
 
 
@@ -154,7 +156,11 @@ class Agreement:
         events = []
         for first, second in combinations(sorted(places), 2):
             common = places[first].keys() & places[second].keys()
-            gaps = [(tag, places[first][tag] - places[second][tag]) for tag in sorted(common)]
+            here, there = places[first], places[second]
+            gaps = [
+                (tag, here[tag][0] - there[tag][0], here[tag][1] - there[tag][1])
+                for tag in sorted(common)
+            ]
             if gaps:
                 events += self._weigh((first, second), gaps)
         return events
@@ -163,13 +169,14 @@ class Agreement:
         """Averages the gaps of a pair: a moved camera errs always, a marker only sometimes."""
         recent = self._gaps.setdefault(pair, deque(maxlen=APART_VIEWS))
         recent.extend(gaps)
-        by_tag: dict[int, list[NDArray[np.float64]]] = {}
-        for tag, gap in recent:
-            by_tag.setdefault(tag, []).append(gap)
+        by_tag: dict[int, list[tuple[float, float]]] = {}
+        for tag, x_m, y_m in recent:
+            by_tag.setdefault(tag, []).append((x_m, y_m))
         if len(recent) < APART_VIEWS or len(by_tag) < APART_TAGS:
             return []
-        middles = [np.median(mine, axis=0) for mine in by_tag.values()]
-        apart_m = float(np.hypot(*np.median(middles, axis=0)))
+        # So few numbers are sorted sooner than an array of them is made.
+        middles = [tuple(map(median, zip(*mine))) for mine in by_tag.values()]
+        apart_m = hypot(*map(median, zip(*middles)))
         lag = self._delays.lag(*pair)
         if lag.is_open and apart_m > APART_M:
             return []
@@ -181,22 +188,22 @@ class Agreement:
         return self._alarms[pair].update(apart_m > APART_M, text)
 
 
-MarkerPlaces = dict[int, NDArray[np.float64]]
-"""Where a picture shows each tag that it shows once, (2,) in the arena [m]."""
+MarkerPlaces = dict[int, list[float]]
+"""Where a picture shows each tag that it shows once: x and y in the arena [m]."""
 
 
 def marker_places(
     camera: Camera, rows: NDArray[np.void], heights_m: Mapping[int, float]
 ) -> MarkerPlaces:
-    """Returns where a picture's DETECTION array shows each tag that it shows once, (2,) [m]."""
-    tags, counts = np.unique(rows["tag"], return_counts=True)
-    once = {int(tag) for tag in tags[counts == 1] if tag != UNNAMED and int(tag) in heights_m}
-    rows = rows[[int(tag) in once for tag in rows["tag"]]] if len(rows) else rows
-    if len(rows) == 0:
+    """Returns where a picture's DETECTION array shows each tag that it shows once."""
+    counts = Counter(rows["tag"].tolist())
+    once = {tag for tag, n in counts.items() if n == 1 and tag != UNNAMED and tag in heights_m}
+    if not once:
         return {}
-    heights = np.array([heights_m[int(tag)] for tag in rows["tag"]])
+    rows = rows[[tag in once for tag in rows["tag"].tolist()]]
+    heights = np.array([heights_m[tag] for tag in rows["tag"].tolist()])
     pixels = np.stack((rows["x_px"], rows["y_px"]), axis=-1)
-    return {int(tag): place for tag, place in zip(rows["tag"], camera.to_plane(pixels, heights))}
+    return dict(zip(rows["tag"].tolist(), camera.to_plane(pixels, heights).tolist()))
 
 
 class Health:
