@@ -230,7 +230,7 @@ def test_whoever_never_reads_is_in_nobodys_way(stack: ExitStack) -> None:
         for number in range(300):
             data = {**told.arena(), "noise": noise}
             served.bus.publish(Message("/arena", AT_NS + number, data))
-        assert len(served.server._waiting) <= 1, "of a topic the newest waits"
+        assert len(served.server._process._waiting) <= 1, "of a topic the newest waits"
 
     look(served.server.port, talk)
 
@@ -244,7 +244,7 @@ def test_whoever_never_reads_is_in_nobodys_way(stack: ExitStack) -> None:
 
 def test_its_end_is_told_and_the_run_goes_on(stack: ExitStack) -> None:
     served = Served(stack)
-    served.server._process.kill()
+    served.server._process._process.kill()
     end_s = time.monotonic() + PATIENCE_S
     while not served.said and time.monotonic() < end_s:
         served.tell("/event")
@@ -252,7 +252,7 @@ def test_its_end_is_told_and_the_run_goes_on(stack: ExitStack) -> None:
     assert len(served.said) == 1 and "the run goes on" in served.said[0]
     assert not served.bus.wants("/event")
     served.server.close()
-    assert served.server._process.poll() is not None
+    assert served.server._process._process.poll() is not None
 
 
 def test_what_lacks_is_said_before(stack: ExitStack, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,23 +1,14 @@
 """The process that serves Foxglove: takes our messages from its parent, and speaks the protocol.
 
-`python -m vsense.monitor.ui._foxglove_process` is started by `_foxglove_server.py` with a socket as
-standard input; the fields of a `FoxgloveSpec` come first, then messages of the bus. It answers with
-tuples: ("port", number) or ("failed", reason) once, then ("wants", topics) when that changes, and
-("orders", [(kind, value)]) for a replay. It ends when its input ends.
-
-It is a process of its own because its clients are strangers: however many there are and however
-slowly they read, the run shares neither descriptors nor memory nor Python's lock with them.
+`_foxglove_server.py` starts it as a `BusProcess`; the fields of a `FoxgloveSpec` come first. It
+answers with its port, and sends ("wants", topics) when that changes, and ("orders", [(kind,
+value)]) for a replay.
 """
 
 from __future__ import annotations
 
-import os
-import resource
 import threading
-from contextlib import suppress
 from dataclasses import dataclass
-from multiprocessing.connection import Connection
-from pathlib import Path
 from typing import Any
 
 import foxglove
@@ -43,13 +34,11 @@ from vsense.monitor.foxglove.channels import (
     sources_of,
 )
 from vsense.monitor.recording import form
+from vsense.monitor.ui._bus_process import ParentLink
 
 MESSAGE_BACKLOG = 32
 """Messages that wait for one client; then its oldest go."""
-MEMORY_BYTES, DESCRIPTORS = 2 << 30, 256
-"""What the process may take: what has more clients than that ends, and the run goes on."""
 _WAIT_S = 0.05
-_NICE = 5
 _JUMP_S = 1.0
 """A replay that is farther on than it can have played has jumped."""
 
@@ -117,27 +106,6 @@ class FoxgloveClients(ServerListener):
         paused = PlaybackStatus.Ended if ended else PlaybackStatus.Paused
         status = PlaybackStatus.Playing if self.playing else paused
         return PlaybackState(status, self.position_ns, self.speed, jumped, None)
-
-
-class ParentLink:
-    """The way to the parent; its methods may be called by any thread."""
-
-    def __init__(self, connection: Connection) -> None:
-        self._connection = connection
-        self._lock = threading.Lock()
-
-    def send(self, kind: str, value: object) -> None:
-        """Sends an answer."""
-        with self._lock:
-            self._connection.send((kind, value))
-
-    def messages(self, wait_s: float) -> list[Message]:
-        """What has come; waits for the first. EOFError: the parent has ended."""
-        messages = []
-        while self._connection.poll(wait_s):
-            messages.append(self._connection.recv())
-            wait_s = 0.0
-        return messages
 
 
 class FoxgloveService:
@@ -269,30 +237,16 @@ def _derived(topic: str) -> tuple[str, bytes]:
     return name, _schemas.text(name)
 
 
-def _yield_to_others() -> None:
-    """Gives way to a run for processors and memory, whatever clients do."""
-    os.nice(_NICE)
-    for kind, most in ((resource.RLIMIT_AS, MEMORY_BYTES), (resource.RLIMIT_NOFILE, DESCRIPTORS)):
-        _, hard = resource.getrlimit(kind)
-        bound = most if hard == resource.RLIM_INFINITY else min(most, hard)
-        resource.setrlimit(kind, (bound, hard))
-    with suppress(OSError):
-        Path("/proc/self/oom_score_adj").write_text("1000")
-
-
 def main() -> None:
     """Serves what the parent says."""
-    _yield_to_others()
-    connection = Connection(os.dup(0))
-    link = ParentLink(connection)
-    try:
-        service = FoxgloveService(FoxgloveSpec(**connection.recv()), link)
-        link.send("port", service.port)
+    link = ParentLink()
+
+    def serve(spec: dict[str, Any]) -> None:
+        service = FoxgloveService(FoxgloveSpec(**spec), link)
+        link.send("ready", service.port)
         service.serve()
-    except (EOFError, ConnectionError):
-        return
-    except Exception as error:
-        link.send("failed", str(error))
+
+    link.serve(serve)
 
 
 if __name__ == "__main__":

@@ -1,31 +1,24 @@
 """Publishes a run or a replay on ROS 2's DDS (`--ros2`), to look only, by a process of its own.
 
-The publisher's thread only puts messages in. Of every topic the newest one waits, so a slow network
-skips and never lags; a thread sends them. `python -m vsense.monitor.ui._ros2_publisher` is the
-process: it takes messages from its standard input, and writes what follows from them to DDS. A
-network of strangers is nothing that a run should break by.
+`python -m vsense.monitor.ui._ros2_publisher` is that process, a `BusProcess`: it is sent a domain
+and UTC less the messages' clock, and writes what follows from messages to DDS. A network of
+strangers is nothing that a run should break by.
 """
 
 from __future__ import annotations
 
-import socket
-import subprocess
-import sys
-import threading
 import time
-from contextlib import suppress
-from multiprocessing.connection import Connection
 from typing import Any
 
 from vsense.base.clock import host_ns
 from vsense.base.errors import VsenseError, require
-from vsense.base.message_bus import Message, MessageBus
-from vsense.base.processes import python_module
+from vsense.base.message_bus import MessageBus
 from vsense.base.terminal import Console
 from vsense.monitor.ros2 import LATCHED, Ros2Converter, build, dds_types
+from vsense.monitor.ui._bus_process import BusProcess, ParentLink
 
 _TOPICS = frozenset({"/experiment", "/arena", "/readings", "/robots"})
-_START_S, _END_S, _WAKE_S = 20.0, 3.0, 0.1
+_MODULE = "vsense.monitor.ui._ros2_publisher"
 _KEPT = 10
 _BLOCKED_NS = 10_000_000
 
@@ -49,79 +42,31 @@ class Ros2Publisher:
     def __init__(
         self, bus: MessageBus, domain: int, console: Console, utc_shift_ns: int | None = None
     ) -> None:
-        self._bus, self._domain, self._console = bus, domain, console
+        self._domain, self._console = domain, console
         self._shift_ns = utc_shift_ns
-        self._waiting: dict[str, Message] = {}
-        self._news = threading.Condition()
-        self._closing = False
+        self._process = BusProcess(bus, _MODULE, lambda sent, heard: None, self._tell_end)
 
     def start(self) -> None:
         """Begins to publish, and says where; VsenseError if it cannot."""
         check_ros2(self._domain)
         shift_ns = time.time_ns() - host_ns() if self._shift_ns is None else self._shift_ns
-        ours, theirs = socket.socketpair()
-        with theirs:
-            self._process = subprocess.Popen(
-                python_module("vsense.monitor.ui._ros2_publisher"),
-                stdin=theirs.fileno(),
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-                start_new_session=True,
-            )
-        self._link = Connection(ours.detach())
-        why = "its process has ended"
-        with suppress(OSError, EOFError):
-            self._link.send((self._domain, shift_ns))
-            why = self._link.recv() if self._link.poll(_START_S) else "it has not begun"
-        if why:
-            self._end_process()
-            raise Ros2Error(f"--ros2: domain {self._domain}: {why}")
-        self._thread = threading.Thread(target=self._run, name="vsense-ros2", daemon=True)
-        self._thread.start()
-        self._listener = self._bus.join(self._receive, _TOPICS.__contains__)
+        try:
+            # What the run is comes before what happens in it.
+            self._process.start((self._domain, shift_ns), _TOPICS.__contains__, "/experiment")
+        except VsenseError as error:
+            raise Ros2Error(f"--ros2: domain {self._domain}: {error}") from None
         self._console.say(
             f"ROS 2: /tf, /poses, /robot_TAG/pose and readings in domain {self._domain}, for every"
             " machine that DDS reaches; there are no keys"
         )
 
     def close(self) -> None:
-        """Ends the publishing."""
-        self._bus.leave(self._listener)
-        with self._news:
-            self._closing = True
-            self._news.notify()
-        self._thread.join(_END_S)
-        self._end_process()
+        """Ends the publishing; can be called again."""
+        self._process.close()
 
-    def _receive(self, message: Message) -> None:
-        """Takes a message of the bus; does not wait."""
-        with self._news:
-            self._waiting[message.topic] = message
-            self._news.notify()
-
-    def _run(self) -> None:
-        try:
-            while not self._closing:
-                with self._news:
-                    if not self._waiting:
-                        self._news.wait(_WAKE_S)
-                    waiting, self._waiting = self._waiting, {}
-                if waiting:
-                    # What the run is comes before what happens in it.
-                    order = sorted(waiting, key=lambda topic: topic != "/experiment")
-                    self._link.send([waiting[topic] for topic in order])
-        except OSError as error:
-            if not self._closing:
-                text = f"ROS 2: nothing is published any more, and the run goes on: {error}"
-                self._console.say(text, "warning")
-
-    def _end_process(self) -> None:
-        self._link.close()
-        try:
-            self._process.wait(_END_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+    def _tell_end(self, error: Exception) -> None:
+        text = f"ROS 2: nothing is published any more, and the run goes on: {error!r}"
+        self._console.say(text, "warning")
 
 
 class DdsWriters:
@@ -150,24 +95,21 @@ class DdsWriters:
         self._writers[topic].write(build(self._kinds, kind, fields, lambda array: array.tolist()))
 
 
-def main() -> int:
+def main() -> None:
     """Publishes until its standard input ends."""
-    link = Connection(0)
-    domain, shift_ns = link.recv()
-    try:
-        writers = DdsWriters(domain)
-    except Exception as error:  # whatever the library raises becomes one line
-        link.send(str(error) or type(error).__name__)
-        return 1
-    link.send("")
-    converter = Ros2Converter(shift_ns)
-    with suppress(EOFError, OSError):
+    link = ParentLink()
+
+    def publish(spec: tuple[int, int]) -> None:
+        domain, shift_ns = spec
+        writers, converter = DdsWriters(domain), Ros2Converter(shift_ns)
+        link.send("ready", None)
         while True:
-            for message in link.recv():
+            for message in link.messages():
                 for found in converter.convert(message):
                     writers.write(found.topic, found.kind, found.fields)
-    return 0
+
+    link.serve(publish)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()
