@@ -36,7 +36,8 @@ ELSEWHERE = {
     r"vsense camera calibrate check": "needs cameras: tests/vision/calibration",
     r"vsense camera calibrate import left": "tests/vision/calibration/test_foreign.py",
     r"vsense camera track lab --ros2": "needs cameras: tests/monitor/ui/test_ros2_publisher.py",
-    r"vsense camera track (resources|lab/)|vsense camera track resources": "needs cameras",
+    r"vsense camera track (resources|lab --web)": "needs cameras",
+    r"vsense camera node ": "needs a tracker: tests/vision/tracking/test_nodes.py",
     r"vsense replay (?!.*--retrack)": "serves a page until Ctrl-C: tests/monitor/ui",
     r".*--on tcp": "needs a cluster: tests/modes/sim/test_cluster.py",
     r".*(\.\./ARGoS3|--sources \.\.\.|controllers/foo)": "needs another repository",
@@ -89,8 +90,8 @@ RUNNABLE = [page for page in PAGES if any(runs_here(command) for command in comm
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A recording with pictures, as readers of the pages have one."""
     folder = tmp_path_factory.mktemp("recording") / "run"
-    lab = "lab pollutant --robots 3 --duration 3 --port 0 --record --record-images --output"
-    command = [PROGRAMS / "vsense", *lab.split(), folder]
+    lab = "lab pollutant --robots 3 --duration 3 --pace 0.2 --port 0 --record --record-images"
+    command = [PROGRAMS / "vsense", *lab.split(), "--output", folder]
     subprocess.run(command, cwd=folder.parent, check=True, capture_output=True, timeout=300)
     return folder / "pollutant.mcap"
 
