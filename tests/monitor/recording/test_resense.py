@@ -115,14 +115,17 @@ def test_what_is_missing_is_said(
         sensed(edited(recorded, tmp_path / "less.mcap", edit))
 
 
-def test_an_older_recording_says_so(recorded: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("mode", "says"), [("live", "an older vsense"), ("sim", "a simulation")])
+def test_what_cannot_be_sensed_again_says_why(
+    recorded: Path, tmp_path: Path, mode: str, says: str
+) -> None:
     def edit(message: Message) -> Message:
         if message.topic != "/experiment":
             return message
         old = {name: value for name, value in message.data.items() if name != "made"}
-        return Message(message.topic, message.time_ns, old)
+        return Message(message.topic, message.time_ns, {**old, "mode": mode})
 
-    with pytest.raises(RecordingError, match="an older vsense"):
+    with pytest.raises(RecordingError, match=says):
         sensed(edited(recorded, tmp_path / "old.mcap", edit))
 
 

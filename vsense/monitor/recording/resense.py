@@ -180,6 +180,8 @@ class Resensing:
     def _make_environment(self, message: ExperimentMessage) -> Environment:
         """The virtual world as it was before the first timestep."""
         setup = message.made
+        if message.mode == "sim":
+            raise self._error("is of a simulation: vsense pack and reproduce run it again")
         if not setup or message.seed is None:
             raise self._error("does not say how its experiment was read: an older vsense made it")
         if message.version != vsense.__version__:
