@@ -129,11 +129,16 @@ INLINE void sample(int wide, const struct vs_sprite *s, const struct lanes *l, f
 
 /* Two texels beside each other, of two channels. */
 typedef float texels __attribute__((vector_size(16)));
+typedef int32_t order __attribute__((vector_size(16)));
 
-/* As `sample`, for two channels: value [LANES][2]. OpenCV weighs there, from the upper left on. */
-INLINE void sample_print(const struct vs_sprite *s, const struct lanes *l, float *value)
+/* As `sample`, for two channels: value and cover [LANES]. OpenCV weighs there, from the upper left
+ * on; both channels are added at once, in its order. */
+INLINE void sample_print(const struct vs_sprite *s, const struct lanes *l, float *value,
+                         float *cover)
 {
     const texels sign = { -1.0f, -1.0f, 1.0f, 1.0f }, one = { 1.0f, 1.0f, 0.0f, 0.0f };
+    const order right = { 2, 3, 2, 3 };
+    float sums[LANES][4];
 
     for (int32_t i = 0; i < LANES; i++) {
         const float *at = s->texture + (ptrdiff_t)l->at[i] * 2;
@@ -143,8 +148,14 @@ INLINE void sample_print(const struct vs_sprite *s, const struct lanes *l, float
         memcpy(&below, at + (ptrdiff_t)s->side * 2, sizeof below);
         above *= beside * (1.0f - l->down[i]);
         below *= beside * l->down[i];
-        value[2 * i] += above[0] + above[2] + below[0] + below[2];
-        value[2 * i + 1] += above[1] + above[3] + below[1] + below[3];
+        above += __builtin_shuffle(above, right);
+        above += below;
+        above += __builtin_shuffle(below, right);
+        memcpy(sums[i], &above, sizeof sums[i]);
+    }
+    for (int32_t i = 0; i < LANES; i++) {
+        value[i] += sums[i][0];
+        cover[i] += sums[i][1];
     }
 }
 
@@ -153,30 +164,32 @@ INLINE void lay(int wide, const struct vs_sprite *s, int32_t effect, const float
                 const float *y_m, const float *white_dn, const float *top_m, float *canvas_dn,
                 size_t n)
 {
-    float value[2 * LANES] = { 0.0f }, share = (float)(1.0 / s->poses);
+    float value[LANES] = { 0.0f }, cover[LANES] = { 0.0f }, share = (float)(1.0 / s->poses);
     float strength = s->strength, below_m = s->below_m;
-    int32_t channels = effect == VS_PRINT ? 2 : 1, met = 0;
+    int32_t met = 0;
     struct lanes lanes;
     float result[LANES];   /* no pointer leads here: the loop becomes vectors */
 
     for (int32_t k = 0; k < s->poses; k++) {
-        if (!meet(wide, s, k, channels == 2, x_m, y_m, &lanes))
+        if (!meet(wide, s, k, effect == VS_PRINT, x_m, y_m, &lanes))
             continue;
         met = 1;
-        if (channels == 2)
-            sample_print(s, &lanes, value);
+        if (effect == VS_PRINT)
+            sample_print(s, &lanes, value, cover);
         else
             sample(wide, s, &lanes, value);
     }
     if (!met)
         return;
-    for (int32_t i = 0; i < channels * LANES && s->poses > 1; i++)
+    for (int32_t i = 0; i < LANES && s->poses > 1; i++) {
         value[i] *= share;
+        cover[i] *= share;
+    }
     for (int32_t i = 0; i < LANES; i++) {
         float light = canvas_dn[i], white = white_dn[i], top = top_m[i], more;
 
         if (effect == VS_PRINT)
-            more = value[2 * i] * white - value[2 * i + 1] * light;
+            more = value[i] * white - cover[i] * light;
         else if (effect == VS_COVER)
             more = value[i] * (strength * white - light);
         else
