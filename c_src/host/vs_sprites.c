@@ -181,19 +181,16 @@ INLINE void lay(int wide, const struct vs_sprite *s, int32_t effect, const float
     }
     if (!met)
         return;
-    for (int32_t i = 0; i < LANES && s->poses > 1; i++) {
-        value[i] *= share;
-        cover[i] *= share;
-    }
     for (int32_t i = 0; i < LANES; i++) {
         float light = canvas_dn[i], white = white_dn[i], top = top_m[i], more;
+        float much = value[i] * share, covered = cover[i] * share;
 
         if (effect == VS_PRINT)
-            more = value[i] * white - cover[i] * light;
+            more = much * white - covered * light;
         else if (effect == VS_COVER)
-            more = value[i] * (strength * white - light);
+            more = much * (strength * white - light);
         else
-            more = value[i] * strength;
+            more = much * strength;
         more += light;
         result[i] = top > below_m ? light : more;
     }
