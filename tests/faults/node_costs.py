@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -23,6 +24,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from tests.rigs.nodes import RunningNode, central_file
+from tests.rigs.places import ROOT
 from tests.rigs.playing_node import LoopPlayer
 from tests.rigs.processes import free_port
 from vsense.base.arena import DETECTION, UNLISTED, Found
@@ -30,6 +32,7 @@ from vsense.base.clock import host_ns
 from vsense.base.errors import GrabberError
 from vsense.config import tracking_session
 from vsense.vision.cameras.camera import Camera
+from vsense.vision.markers.families import load_family, ranked_tags
 from vsense.vision.tracking import opening
 from vsense.vision.tracking._node_rows import SeenPicture, SeenRows, decode_expectation, encode_rows
 from vsense.vision.tracking.camera_tracking import CameraTracking
@@ -44,8 +47,16 @@ SETTLE, TIMESTEPS = 20, 100
 
 
 def drawn(folder: Path, copies: int) -> Path:
-    """Four ceiling cameras of two megapixels above robots, so many times each."""
-    words = [sys.executable, "-m", "vsense", "camera", "render", "pollutant", str(folder / "rec")]
+    """Four ceiling cameras of two megapixels above 20 robots, so many times each."""
+    experiment = folder / "twenty.argos"
+    tags = " ".join(map(str, ranked_tags(load_family("arrow4x4"), 20)))
+    text = (ROOT / "vsense/config/experiments/pollutant.argos").read_text()
+    robots = f'quantity="20" max_trials="1000" vs:tags="{tags}"'
+    experiment.write_text(
+        re.sub(r'quantity="15"\s+max_trials="1000"\s+vs:tags="[^"]*"', robots, text)
+    )
+    words = [sys.executable, "-m", "vsense", "camera", "render"]
+    words += [str(experiment), str(folder / "rec")]
     subprocess.run([*words, "--frames", "12", "--format", "pgm"], check=True, capture_output=True)
     tree = ElementTree.parse(folder / "rec" / "resources.xml")
     root = tree.getroot()
