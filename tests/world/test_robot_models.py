@@ -41,6 +41,9 @@ def line_of(text: str, part: str) -> int:
         ("[[2, 3], ", "[[2, 7], ", "stands_for", "numbers of sensors, 0 to 6"),
         ("[[2, 3], ", "[", "stands_for", "8 lists of sensors, for ps0 to ps7"),
         ("[[2, 3], ", "[2, ", "stands_for", "lists of sensors, as [[2, 3], [], ...]"),
+        ("[ring]\n", "[ring]\nlike = 'mine'\n", "like", "there is no shipped model 'mine'"),
+        ("[ring]\n", "[ring]\nlike = 'footbot'\n", "like", "footbot has no [ring] to be like"),
+        ("[ring]\n", "[ring]\nlike = '../x'\n", "like", "the name of a shipped model"),
     ],
 )
 def test_what_no_robot_is_like_is_refused(
@@ -54,6 +57,14 @@ def test_what_no_robot_is_like_is_refused(
     line = line_of(text, f"\n{place}") + 1
     assert str(refused.value).startswith(f"{tmp_path}/mine.toml:{line}: "), refused.value
     assert words in str(refused.value)
+
+
+def test_a_table_that_is_like_a_shipped_one_has_all_of_it_but_what_it_says(tmp_path: Path) -> None:
+    body = THYMIO[: THYMIO.index("[ring]")]
+    (tmp_path / "mine.toml").write_text(f"{body}[ring]\nlike = 'epuck'\nnoise_raw = 3.0\n")
+    mine = model_of("mine", tmp_path)
+    assert mine.ring is not None and EPUCK.ring is not None and not mine.leds.ring_m
+    assert mine.ring == replace(EPUCK.ring, noise_raw=3.0)
 
 
 def test_a_file_without_wheels_says_so(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from vsense.base.errors import instead
 from vsense.base.native import kernels
 from vsense.base.toml import Reader, TomlFile, integer, matching, real
 
@@ -110,6 +111,11 @@ _OPTIONAL = {
 }  # fmt: skip
 """What tables may lack; only those of `_NEEDED` must be there."""
 _NEEDED = ("body", "wheels")
+_FOLDER = Path(__file__).parent / "models"
+_LIKE: Mapping[str, Reader] = {
+    "like": matching("[a-z0-9-]{1,32}", "the name of a shipped model, such as epuck")
+}
+"""Any table may say instead whose it has."""
 _STEPS_MM = (0.12, 0.14)
 """A step is the unit of wheels' speeds everywhere. An e-puck's is 0.1288 mm."""
 _BESIDE_M = 0.02
@@ -119,7 +125,9 @@ _BESIDE_M = 0.02
 def read_tables(path: Path, text: str) -> dict[str, dict[str, Any]]:
     """The tables of a model's file, checked; ConfigError with file and line where it is wrong."""
     file = TomlFile(path, text)
-    tables = file.read(_SCHEMA)
+    tables = file.read({name: {**form, **_LIKE} for name, form in _SCHEMA.items()})
+    for name in [name for name, table in tables.items() if "like" in table]:
+        tables[name] = _table_like(file, name, tables[name])
     for name, form in _SCHEMA.items():
         if name not in tables and name not in _NEEDED:
             continue
@@ -134,6 +142,18 @@ def read_tables(path: Path, text: str) -> dict[str, dict[str, Any]]:
     for name in {"infrared", "generic"} & tables.keys():
         _check_infrared(file, name, tables[name])
     return tables
+
+
+def _table_like(file: TomlFile, name: str, table: Mapping[str, Any]) -> dict[str, Any]:
+    """The table of a shipped model that one of this file is like; what it says itself counts."""
+    path = _FOLDER / f"{table['like']}.toml"
+    if path == file.path or not path.is_file():
+        there = instead(table["like"], [p.stem for p in _FOLDER.glob("*.toml")])
+        raise file.error(f"there is no shipped model {table['like']!r}; {there}", name, "like")
+    lent = read_tables(path, path.read_text()).get(name)
+    if lent is None:
+        raise file.error(f"{table['like']} has no [{name}] to be like", name, "like")
+    return {**lent, **{key: value for key, value in table.items() if key != "like"}}
 
 
 def _check_infrared(file: TomlFile, name: str, table: Mapping[str, Any]) -> None:
