@@ -193,8 +193,7 @@ class ArenaTracker:
         self.markers: dict[str, NDArray[np.void]] = {}
         self.overflowed: tuple[str, ...] = ()
         self._gate = FrameGate(cameras)
-        self.heights_m = dict(heights_m)
-        self.offsets: dict[int, PlacedMarker] = dict(offsets or {})
+        self.heights_m, self.offsets = dict(heights_m), dict(offsets or {})
         self._offsets = MarkerOffsets(self.offsets)
         self._check_heights()
         self._limits, self._prediction = limits or Limits(), prediction or Prediction()
@@ -202,6 +201,7 @@ class ArenaTracker:
         self._detector, self._workers = detector, workers or Workers()
         self._joining = Joining(JoinLimits(max_speed_m_s=self._limits.max_speed_m_s))
         self._joined = set[int]()
+        self._unlearned: NDArray[np.void] | None = None
         self._array = CameraArray(self.cameras)
         self._places = {camera.id: place for place, camera in enumerate(self.cameras)}
         self._tracks = RobotTracks(self._limits)
@@ -278,6 +278,7 @@ class ArenaTracker:
         Raises:
             TrackingError: A frame is of an unknown camera, or not of that camera's size.
         """
+        self.learn()
         if not (fresh := self._gate.choose(frames)):
             return self.state
         now_ns = max(frame.capture_ns for frame in fresh)
@@ -304,11 +305,21 @@ class ArenaTracker:
             images=image_poses(self._array, placed),
         )
         self.counters.duplicates += len(self.state.duplicates)
+        self._unlearned = sightings
+        return self.state
+
+    def learn(self) -> None:
+        """Takes what the last timestep has shown for the next one, and lets nodes know.
+
+        `update` begins with it. Who calls it before has the next timestep's state sooner.
+        """
+        sightings, self._unlearned = self._unlearned, None
+        if sightings is None:
+            return
         markers = self._offsets.to_markers(self.state.robots)
         self._prediction.learn(replace(self.state, robots=markers))
-        self._admit(now_ns, sightings)
+        self._admit(self.state.capture_ns, sightings)
         self._prediction.learned()
-        return self.state
 
     def _admit(self, now_ns: int, sightings: NDArray[np.void]) -> None:
         """Lets robots join the roster, from the next timestep on."""

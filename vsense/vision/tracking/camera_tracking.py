@@ -113,8 +113,7 @@ class CameraTracking:
         """Waits for the newest pictures and tracks the robots in them.
 
         Returns:
-            The state, and the pictures that it was made from, which are valid as `Grabber.next`
-            says.
+            The state, and the pictures that it was made from, valid as `Grabber.next` says.
 
         Raises:
             NoMorePictures: a recording has come to its end.
@@ -123,6 +122,7 @@ class CameraTracking:
         """
         if self._check_all:
             self.check_cameras()
+        self.tracker.learn()  # while no picture waits
         try:
             frames = self.grabber.next(timeout_s)
         except GrabberError as error:
