@@ -104,10 +104,11 @@ def test_garbage_and_other_versions_are_refused_and_cost_nothing_else(scene: Sce
             ("west/events", b"[0, [[0, 'gone', 'x']]]"),
             ("west/events", b"\xff" * 1000),
             ("west/preview/99", b"x"),
+            ("west/preview/00009999", b"x"),
             ("west/preview/0", b"x" * 1000),
         ]
     )
-    assert any("format 2, this is 1" in line for line in lines) and len(lines) == 8
+    assert any("format 2, this is 1" in line for line in lines) and len(lines) == 9
 
 
 def test_rows_that_were_heard_count_once(scene: Scene) -> None:

@@ -329,21 +329,21 @@ class NodeLink:
     def _take_events(self, sample: Any) -> None:
         try:
             session, rows = parse_json(sample.payload.to_bytes().decode())
-            if session != self.session:
+            if session != self.session or not session:
                 raise ValueError("of another session")
             for camera, kind, text in rows[:_MOST_EVENTS]:
                 if kind not in EVENT_KINDS.split():
                     raise ValueError("of a kind that no node has")
                 self._note(self.cameras[int(camera)].id, str(kind), str(text)[:_MOST_TEXT])
-        except (ValueError, TypeError, IndexError):
+        except (ValueError, TypeError, LookupError):
             self._refuse("an event that none of its cameras has")
 
     def _take_preview(self, sample: Any) -> None:
         number = str(sample.key_expr).rpartition("/")[2]
-        if not (number.isdecimal() and int(number[:4]) < len(self.cameras)):
+        if number in map(str, range(len(self.cameras))):
+            self.show(int(number), sample.payload.to_bytes())
+        else:
             self._refuse("a preview of a camera that it does not have")
-            return
-        self.show(int(number), sample.payload.to_bytes())
 
     def _refuse(self, reason: str) -> None:
         self.counts["refused"] += 1

@@ -30,6 +30,7 @@ from vsense.vision.cameras.picture import Image, PictureError
 from vsense.vision.tracking._detector import CameraDetectors
 from vsense.vision.tracking._node_link import EVENT_KINDS, families_of
 from vsense.vision.tracking._node_rows import (
+    MOST_ROWS,
     NODE_FORMAT,
     Expectation,
     NodeError,
@@ -97,6 +98,8 @@ class NodeService:
         self._reading = [threading.Lock() for _ in self.cameras]
         self._checked_ns = -CHECK_NS
         heights_m = {tag: h for search in searches for tag, h in search.heights_m.items()}
+        if len(heights_m) > MOST_ROWS:
+            raise NodeError(f"{len(heights_m)} tags, expected at most {MOST_ROWS}")
         self._workers, self._health = Workers(2), Health(self.cameras, heights_m)
         sees = {c.id: search for c, search in zip(self.cameras, searches, strict=True)}
         self._detector = CameraDetectors(sees, self._prediction, self._workers)
