@@ -15,6 +15,7 @@ from tests.conftest import require_tool
 from tests.rigs.nodes import PERIOD_NS, RunningNode, Watched, central_file, draw
 from tests.rigs.places import ROOT
 from tests.rigs.processes import free_port
+from vsense.base.errors import VsenseError
 
 zenoh = pytest.importorskip("zenoh", reason="pip install vsense[nodes]")
 pytestmark = pytest.mark.paced
@@ -83,7 +84,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
 
 
 def test_a_node_that_nobody_has_listed_gives_nothing(scene: Scene) -> None:
-    token = scene.other.liveliness().declare_token("vsense/arena/thief/here")
+    token = scene.other.liveliness().declare_token("vsense/arena/thief/here/1")
     for data in scene.heard[-3:]:
         scene.say("thief/rows", data)
     line = "node thief is there, and no <grabber> names it"
@@ -91,6 +92,20 @@ def test_a_node_that_nobody_has_listed_gives_nothing(scene: Scene) -> None:
     token.undeclare()
     scene.watched.wait_whole(4)
     assert {c for s in scene.watched.steps for c in s.captures_ns} == {f"cam_{n}" for n in range(4)}
+
+
+def test_two_nodes_of_one_name_are_told_and_neither_is_asked(scene: Scene) -> None:
+    """By default a node is called as its computer, and many are called alike."""
+    watched, line = scene.watched, "2 nodes are called west, expected one"
+    said = len(watched.said)
+    token = scene.other.liveliness().declare_token("vsense/arena/west/here/1")
+    watched.wait(lambda: any(line in text for _, text in watched.said[said:]), line)
+    watched.wait_whole(4)
+    with pytest.raises(VsenseError, match=line):
+        scene.link.check_name()
+    token.undeclare()
+    watched.wait(lambda: len(scene.link._here) == 1, "its end")
+    scene.link.check_name()
 
 
 def test_garbage_and_other_versions_are_refused_and_cost_nothing_else(scene: Scene) -> None:

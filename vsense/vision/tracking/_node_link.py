@@ -37,7 +37,7 @@ from vsense.vision.tracking._node_rows import (
 )
 from vsense.vision.tracking._prediction import MarkerSearch, Prediction
 from vsense.vision.tracking._rows import is_in
-from vsense.vision.tracking.node_session import answer_of, ask, node_key, put
+from vsense.vision.tracking.node_session import NodeRefusal, answer_of, ask, node_key, put
 from vsense.vision.tracking.recorded_tracker import Description, seen_by
 
 CONNECT_S = 2.0
@@ -132,7 +132,7 @@ class NodeLink:
         self.session = self.number = 0
         self._zenoh, self._data, self._grabbers = session, data, list(grabbers)
         self._now, self._quickest_ns = clock, quickest_ns
-        self._tracker = secrets.randbits(56)
+        self._tracker, self._here = secrets.randbits(56), set[str]()
         self._newest_rows, self.heard_ns, self._asked_ns = -1, 0, 0
         self._connecting, self._news = threading.Lock(), threading.Condition()
         self._arrived = dict[int, Arrived]()
@@ -146,6 +146,16 @@ class NodeLink:
             session.declare_subscriber(self.key("preview/*"), self._take_preview),
         ]
 
+    def meet(self, id: str, is_here: bool) -> None:
+        """Takes note that a node of this name is there, or is not any more."""
+        self._here = self._here | {id} if is_here else self._here - {id}
+
+    def check_name(self) -> None:
+        """Raises NodeRefusal where several nodes have the name: each has cameras of its own."""
+        if len(self._here) > 1:
+            words = f"{len(self._here)} nodes are called {self.name}"
+            raise NodeRefusal(f"{words}, expected one: give each its own --name")
+
     def connect(self) -> dict[str, Any]:
         """Has the node look at its pictures for this tracker; returns what it answers.
 
@@ -157,6 +167,7 @@ class NodeLink:
                 return {}
             if now_ns - self._asked_ns < AGAIN_NS:
                 raise VsenseError(f"node {self.name} does not answer")
+            self.check_name()
             self._asked_ns = now_ns
             session = secrets.randbits(56)
             setup = {

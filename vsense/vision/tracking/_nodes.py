@@ -91,7 +91,7 @@ class Nodes:
                 *where, *about, clock, partial(self._quickest_ns, name)
             )
             self._places.update((id, (link, number)) for number, id in enumerate(ids))
-        here = node_key(network.arena, "*", "here")
+        here = node_key(network.arena, "*", "here/*")
         lively = self._zenoh.liveliness()
         self._strangers = lively.declare_subscriber(here, self._greet, history=True)
 
@@ -159,9 +159,16 @@ class Nodes:
         return min((delay_ns for delay_ns in known if delay_ns is not None), default=OLD_NS)
 
     def _greet(self, sample: Any) -> None:
-        """Tells of nodes that nobody has listed."""
-        name = str(sample.key_expr).split("/")[2]
-        if name not in self.links and str(sample.kind).endswith("PUT"):
+        """Tells of nodes that nobody has listed, and of those of one name."""
+        _, _, name, _, id = str(sample.key_expr).split("/")
+        is_here, link = str(sample.kind).endswith("PUT"), self.links.get(name)
+        if link is not None:
+            link.meet(id, is_here)
+            try:
+                link.check_name()
+            except NodeRefusal as error:
+                self._say(str(error))
+        elif is_here:
             self._say(f"node {name} is there, and no <grabber> names it: nothing of it is taken")
 
 

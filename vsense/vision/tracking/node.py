@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import queue
+import secrets
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
@@ -55,8 +56,7 @@ from vsense.vision.tracking.opening import live_grabber, open_recording
 from vsense.vision.tracking.recorded_tracker import seen_by
 from vsense.vision.tracking.specs import Resources
 
-POLL_S = 0.2
-REACH_NS = 2_000_000_000
+POLL_S, REACH_NS = 0.2, 2_000_000_000
 HOLD_NS = 2_000_000_000
 """A tracker that was heard so lately keeps its node."""
 IDLE_NS = 30_000_000_000
@@ -113,8 +113,8 @@ class NodeService:
             if id not in known:
                 raise VsenseError(f"has no <grabber> {id!r}; {instead(id, known)}")
             if known[id].node or known[id].is_live != live:
-                there, wanted = ("recording", "camera")[:: -1 if known[id].is_live else 1]
-                raise VsenseError(f"{id!r} is a {there} here, expected a {wanted}")
+                wanted = "camera" if live else "recording"
+                raise VsenseError(f"{id!r} has type {known[id].type} here, expected a {wanted}")
             specs.append(known[id])
         if live:
             grabbers = dict(zip(self.numbers, specs, strict=True))
@@ -193,9 +193,8 @@ class NodeService:
         heights_m = dict(zip(tags, expectation.heights_m.tolist(), strict=True))
         for number, (turn, _) in expectation.turns.items():
             prediction.turns[self.cameras[number].id] = turn
-        joined: dict[str, tuple[int, ...]] = {}
+        joined = dict.fromkeys(self._families, tuple[int, ...]())
         for number, tag, _ in expectation.joined:
-            joined.setdefault(self._families[number], ())
             joined[self._families[number]] += (tag,)
         prediction.adopt(
             expectation.known, heights_m, expectation.is_key_frame, expectation.gone, joined
@@ -254,7 +253,7 @@ class CameraNode:
             session.declare_queryable(self._key("detect"), self._submit(self._looking, self._look)),
             session.declare_subscriber(self._key("expect"), self._expect),
             session.declare_subscriber(self._key("leave"), self._leave),
-            session.liveliness().declare_token(self._key("here")),
+            session.liveliness().declare_token(self._key(f"here/{secrets.token_hex(8)}")),
         ]
 
     def run(self, ended: threading.Event) -> None:
@@ -295,8 +294,7 @@ class CameraNode:
             if present is None or not present.goes_on(setup):
                 self._drop()
                 present = self._service = NodeService(setup, self._resources, self._clock)
-                names = ", ".join(camera.id for camera in present.cameras)
-                self._say(f"looks for a tracker: {names}")
+                self._say(f"looks for a tracker: {', '.join(present.numbers)}")
         except VsenseError as error:
             refuse(query, str(error))
             return
@@ -306,9 +304,9 @@ class CameraNode:
         reply(query, present.answer())
 
     def _drop(self) -> None:
-        if self._service is not None:
-            self._service.close()
-        self._service = None
+        service, self._service = self._service, None
+        if service is not None:
+            service.close()
 
     def _serve(self, service: NodeService) -> None:
         """Waits for a timestep's pictures, looks at them and says what is there."""
@@ -373,8 +371,8 @@ class CameraNode:
             try:
                 if service is None:
                     raise VsenseError("serves no tracker")
-                service.heard_ns = self._clock()
                 data = work(service, query.payload.to_bytes())
+                service.heard_ns = self._clock()
             except VsenseError as error:
                 refuse(query, str(error))
             except (KeyError, TypeError, ValueError, IndexError) as error:
