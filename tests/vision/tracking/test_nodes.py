@@ -19,6 +19,7 @@ from vsense.config import tracking_session
 from vsense.modes.live._sources import doubt_of_nodes
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import load_family
+from vsense.vision.tracking.node_session import NodeNetwork, open_network
 from vsense.vision.tracking.opening import open_tracking
 
 pytest.importorskip("zenoh", reason="pip install vsense[nodes]")
@@ -130,6 +131,22 @@ def test_a_port_that_another_has_ends_the_start(files: Files) -> None:
         central = central_file(resources, where, NODES, "node")
         with pytest.raises(VsenseError, match=f"{where}: Zenoh does not begin: .*in use"):
             opened(central, experiment)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("x{", "zenoh.json5: no configuration of Zenoh's: --> 1:1"),
+        ("{ transport: { link: { tls: { connect_certificate: '/none.pem' } } } }",
+         "zenoh.json5: connect_certificate: /none.pem: No such file"),
+    ],
+)  # fmt: skip
+def test_configurations_that_cannot_be_are_told(tmp_path: Path, text: str, words: str) -> None:
+    config = tmp_path / "zenoh.json5"
+    config.write_text(text)
+    with pytest.raises(UsageError) as caught:
+        open_network(NodeNetwork((), ("tls/127.0.0.1:7447",), config))
+    assert words in str(caught.value) and "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(

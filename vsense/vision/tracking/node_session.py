@@ -126,6 +126,13 @@ def _config(zenoh: Any, network: NodeNetwork) -> Any:
     except Exception as error:
         text = f"{network.config}: no configuration of Zenoh's: {_reason(error)}"
         raise UsageError(text) from None
+    # Zenoh tries for ever, and does not say that one is missing.
+    for name, file in json.loads(config.get_json("transport/link/tls")).items():
+        try:
+            if name.endswith(("_certificate", "_private_key")) and file is not None:
+                Path(file).read_bytes()
+        except OSError as error:
+            raise UsageError(f"{network.config}: {name}: {file}: {error.strerror}") from None
     settings: dict[str, object] = {
         "mode": "peer",
         "scouting/multicast/enabled": False,
@@ -151,7 +158,8 @@ def _config(zenoh: Any, network: NodeNetwork) -> Any:
 
 def _reason(error: BaseException) -> str:
     """The first words of what Zenoh says, without where in its sources that was."""
-    return re.sub(r"\s*\bat /\S+", "", str(error)).strip().rstrip(".]") or type(error).__name__
+    words = " ".join(re.sub(r"\s*\bat /\S+", "", str(error)).split())
+    return words.rstrip(".]") or type(error).__name__
 
 
 def put(session: Any, key: str, data: bytes, urgent: bool = True) -> None:
