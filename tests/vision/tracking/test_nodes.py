@@ -19,6 +19,7 @@ from vsense.config import tracking_session
 from vsense.modes.live._sources import doubt_of_nodes
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import load_family
+from vsense.vision.tracking import node_session
 from vsense.vision.tracking.node_session import NodeNetwork, open_network
 from vsense.vision.tracking.opening import open_tracking
 
@@ -131,6 +132,27 @@ def test_a_port_that_another_has_ends_the_start(files: Files) -> None:
         central = central_file(resources, where, NODES, "node")
         with pytest.raises(VsenseError, match=f"{where}: Zenoh does not begin: .*in use"):
             opened(central, experiment)
+
+
+def test_trackers_and_nodes_meet_at_a_router(files: Files, monkeypatch: pytest.MonkeyPatch) -> None:
+    import zenoh
+
+    resources, experiment = files(1)
+    where = f"tcp/127.0.0.1:{free_port()}"
+    central = central_file(resources, where, ("west",), "node_recording")
+    central.write_text(central.read_text().replace("<nodes listen", "<nodes connect"))
+    monkeypatch.setattr(node_session, "ROUTER_MS", 100)
+    with pytest.raises(VsenseError, match=f"{where}: Zenoh does not begin: Unable to connect"):
+        opened(central, experiment)
+    config = zenoh.Config()
+    config.insert_json5("mode", '"router"')
+    config.insert_json5("listen/endpoints", f'["{where}"]')
+    with zenoh.open(config):
+        node = RunningNode("west", resources, where)
+        try:
+            assert len(tracked(central, experiment, [])) == TIMESTEPS
+        finally:
+            node.stop()
 
 
 @pytest.mark.parametrize(

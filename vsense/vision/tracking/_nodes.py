@@ -75,7 +75,8 @@ class Nodes:
         if session.record.record_image:
             text = "<experiment_record> record_image: pictures of nodes' cameras stay there"
             raise session.error(session.record.line, text)
-        self._zenoh, self._say = open_network(network), say
+        mode = "peer" if network.listen else "client"
+        self._zenoh, self._say = open_network(network, mode), say
         self.links: dict[str, NodeLink] = {}
         self._places: dict[str, tuple[NodeLink, int]] = {}
         for name, group in views.items():
@@ -91,8 +92,7 @@ class Nodes:
                 *where, *about, clock, partial(self._quickest_ns, name)
             )
             self._places.update((id, (link, number)) for number, id in enumerate(ids))
-        here = node_key(network.arena, "*", "here/*")
-        lively = self._zenoh.liveliness()
+        here, lively = node_key(network.arena, "*", "here/*"), self._zenoh.liveliness()
         self._strangers = lively.declare_subscriber(here, self._greet, history=True)
 
     def place_of(self, camera: str) -> tuple[NodeLink, int]:

@@ -27,8 +27,9 @@ NEEDED_BYTES = 640 << 20
 """Of addresses: Zenoh's threads reserve them, and use a fortieth part."""
 LEASE_MS = 1000
 """A connection that is silent for so long is over, and made again."""
-OPENING_MS, RETRY_MS = 750, 100
-"""An attempt to connect is given up, and made again: the system's own attempts grow rarer."""
+OPENING_MS, RETRY_MS, ROUTER_MS = 750, 100, 5000
+"""An attempt to connect is given up, and made again: the system's own attempts grow rarer. A
+router has to be there within the last."""
 
 _ENDPOINT = re.compile(r"(tcp|tls|quic|udp)/(\S+):(\d{1,5})")
 NODE_NAME = re.compile(r"[A-Za-z0-9_.-]{1,64}")
@@ -73,14 +74,18 @@ class NodeNetwork:
     arena: str = "arena"
 
 
-def open_network(network: NodeNetwork) -> Any:
-    """Opens a session of Zenoh's; raises UsageError or VsenseError, which say what is wrong."""
+def open_network(network: NodeNetwork, mode: str = "peer") -> Any:
+    """Opens a session of Zenoh's; raises UsageError or VsenseError, which say what is wrong.
+
+    A "peer" listens, or waits for whom it connects to; a "client" has its router, or raises. A
+    router passes on what one of either says to the other, and nothing between two peers.
+    """
     require_zenoh()
     try:
         import zenoh
     except ImportError as error:
         raise VsenseError(f"Zenoh cannot be loaded: {error}") from None
-    config = _config(zenoh, network)
+    config = _config(zenoh, network, mode)
     where = ", ".join((*network.listen, *network.connect))
     if (left := _memory_left()) < NEEDED_BYTES:
         raise VsenseError(
@@ -117,7 +122,7 @@ def _memory_left() -> int:
     return max(most - pages * resource.getpagesize(), 0)
 
 
-def _config(zenoh: Any, network: NodeNetwork) -> Any:
+def _config(zenoh: Any, network: NodeNetwork, mode: str) -> Any:
     """Returns Zenoh's configuration: the file's, and on top of it what vsense needs."""
     try:
         config = zenoh.Config()
@@ -134,7 +139,7 @@ def _config(zenoh: Any, network: NodeNetwork) -> Any:
         except OSError as error:
             raise UsageError(f"{network.config}: {name}: {file}: {error.strerror}") from None
     settings: dict[str, object] = {
-        "mode": "peer",
+        "mode": mode,
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "scouting/delay": 0,
@@ -147,7 +152,8 @@ def _config(zenoh: Any, network: NodeNetwork) -> Any:
     if network.connect:
         retry = {"period_init_ms": RETRY_MS, "period_max_ms": RETRY_MS}
         settings["connect/retry"] = {**retry, "period_increase_factor": 1.0}
-        settings |= {"connect/timeout_ms": -1, "connect/exit_on_failure": False}
+        timeout_ms = ROUTER_MS if mode == "client" else -1
+        settings |= {"connect/timeout_ms": timeout_ms, "connect/exit_on_failure": False}
     try:
         for path, value in settings.items():
             config.insert_json5(path, json.dumps(value))
