@@ -108,6 +108,19 @@ def test_two_nodes_of_one_name_are_told_and_neither_is_asked(scene: Scene) -> No
     scene.link.check_name()
 
 
+def test_a_flood_of_questions_does_not_keep_a_node_from_its_work(scene: Scene) -> None:
+    def answers(part: str, question: bytes) -> set[str]:
+        flood = [scene.other.get(f"vsense/arena/west/{part}", payload=question, timeout=30.0)
+                 for _ in range(2000)]  # fmt: skip
+        return {reply.err.payload.to_string() for replies in flood for reply in replies}
+
+    assert "is asked too much at once" in answers("open", b"x")
+    assert all("session" in text or "too much" in text for text in answers("read", b"[1, 0, 0]"))
+    steps = len(scene.watched.steps)
+    scene.watched.wait(lambda: len(scene.watched.steps) > steps + 5, "timesteps")
+    scene.watched.wait_whole(4)
+
+
 def test_garbage_and_other_versions_are_refused_and_cost_nothing_else(scene: Scene) -> None:
     good = scene.heard[-1]
     lines = scene.refused(

@@ -37,7 +37,7 @@ from vsense.vision.tracking._node_rows import (
 )
 from vsense.vision.tracking._prediction import MarkerSearch, Prediction
 from vsense.vision.tracking._rows import is_in
-from vsense.vision.tracking.node_session import NodeRefusal, answer_of, ask, node_key, put
+from vsense.vision.tracking.node_session import NodeRefusal, answer_of, ask, hear, node_key, put
 from vsense.vision.tracking.recorded_tracker import Description, seen_by
 
 CONNECT_S = 2.0
@@ -141,9 +141,9 @@ class NodeLink:
         self._delays_ns = deque[int](maxlen=_DELAYS)
         self.key = partial(node_key, arena, name)
         self._heard = [
-            session.declare_subscriber(self.key("rows"), self._take_rows),
-            session.declare_subscriber(self.key("events"), self._take_events),
-            session.declare_subscriber(self.key("preview/*"), self._take_preview),
+            hear(session, self.key("rows"), self._take_rows),
+            hear(session, self.key("events"), self._take_events),
+            hear(session, self.key("preview/*"), self._take_preview),
         ]
 
     def meet(self, id: str, is_here: bool) -> None:

@@ -45,12 +45,15 @@ from vsense.vision.tracking._workers import Picture, Workers
 from vsense.vision.tracking.camera_tracking import CHECK_NS
 from vsense.vision.tracking.node_session import (
     NodeNetwork,
+    answer_by,
+    hear,
     is_connected,
     node_key,
     open_network,
     put,
     refuse,
     reply,
+    wait_in,
 )
 from vsense.vision.tracking.opening import live_grabber, open_recording
 from vsense.vision.tracking.recorded_tracker import seen_by
@@ -153,9 +156,9 @@ class NodeService:
 
     def preview(self, image: Image) -> bytes:
         """Returns a coarse JPEG of a picture (h, w)."""
-        height, width = image.shape
-        size = PREVIEW_PX, max(round(height * PREVIEW_PX / width), 1)
-        small = cv2.resize(image, size, interpolation=cv2.INTER_AREA) if width > size[0] else image
+        scale = PREVIEW_PX / image.shape[1]
+        size = PREVIEW_PX, max(round(image.shape[0] * scale), 1)
+        small = cv2.resize(image, size, interpolation=cv2.INTER_AREA) if scale < 1.0 else image
         return cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
 
     def take(self, expectation: Expectation) -> None:
@@ -242,17 +245,18 @@ class CameraNode:
         self._resources, self._clock, self._say = resources, clock, say
         self._key = partial(node_key, network.arena, name)
         self._service: NodeService | None = None
-        self._queries = queue.SimpleQueue[Any]()
+        self._queries = queue.Queue[Any](_READERS)
         self._number, self._refused, self._previewed_ns = 0, 0, -PREVIEW_NS
         self._readers = ThreadPoolExecutor(_READERS, "reading")
         self._looking = ThreadPoolExecutor(1, "looking")
+        read, look = partial(self._answer, self._read), partial(self._answer, self._look)
         self._zenoh = session = open_network(network)
         self._declared = [
-            session.declare_queryable(self._key("open"), self._queries.put),
-            session.declare_queryable(self._key("read"), self._submit(self._readers, self._read)),
-            session.declare_queryable(self._key("detect"), self._submit(self._looking, self._look)),
-            session.declare_subscriber(self._key("expect"), self._expect),
-            session.declare_subscriber(self._key("leave"), self._leave),
+            session.declare_queryable(self._key("open"), partial(wait_in, self._queries)),
+            session.declare_queryable(self._key("read"), answer_by(self._readers, read)),
+            session.declare_queryable(self._key("detect"), answer_by(self._looking, look)),
+            hear(session, self._key("expect"), self._expect),
+            hear(session, self._key("leave"), self._leave),
             session.liveliness().declare_token(self._key(f"here/{secrets.token_hex(8)}")),
         ]
 
@@ -361,26 +365,20 @@ class CameraNode:
         if service is not None and sample.payload.to_bytes() == str(service.session).encode():
             service.heard_ns -= IDLE_NS
 
-    def _submit(
-        self, threads: ThreadPoolExecutor, work: Callable[[NodeService, bytes], bytes]
-    ) -> Callable[[Any], object]:
-        """Returns what has threads answer questions of the tracker that is served."""
-
-        def answer(query: Any) -> None:
-            service = self._service
-            try:
-                if service is None:
-                    raise VsenseError("serves no tracker")
-                data = work(service, query.payload.to_bytes())
-                service.heard_ns = self._clock()
-            except VsenseError as error:
-                refuse(query, str(error))
-            except (KeyError, TypeError, ValueError, IndexError) as error:
-                refuse(query, f"asked for what it does not have: {error!r}")
-            else:
-                reply(query, data)
-
-        return lambda query: threads.submit(answer, query)
+    def _answer(self, work: Callable[[NodeService, bytes], bytes], query: Any) -> None:
+        """Answers a question of the tracker that is served; a thread of its own."""
+        service = self._service
+        try:
+            if service is None:
+                raise VsenseError("serves no tracker")
+            data = work(service, query.payload.to_bytes())
+            service.heard_ns = self._clock()
+        except VsenseError as error:
+            refuse(query, str(error))
+        except (KeyError, TypeError, ValueError, IndexError) as error:
+            refuse(query, f"asked for what it does not have: {error!r}")
+        else:
+            reply(query, data)
 
     def _read(self, service: NodeService, question: bytes) -> bytes:
         session, number, place = map(int, parse_json(question.decode()))

@@ -11,9 +11,12 @@ it says `rows`, `events` and `preview`.
 from __future__ import annotations
 
 import json
+import queue
 import re
 import resource
 import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,6 +33,8 @@ LEASE_MS = 1000
 OPENING_MS, RETRY_MS, ROUTER_MS = 750, 100, 5000
 """An attempt to connect is given up, and made again: the system's own attempts grow rarer. A
 router has to be there within the last."""
+MOST_WAITING = 64
+"""Questions at a node: more than a tracker has cameras there."""
 
 _ENDPOINT = re.compile(r"(tcp|tls|quic|udp)/(\S+):(\d{1,5})")
 NODE_NAME = re.compile(r"[A-Za-z0-9_.-]{1,64}")
@@ -208,6 +213,45 @@ def answer_of(replies: Any, node: str) -> bytes:
     except Exception as error:
         raise VsenseError(f"node {node}: {_reason(error)}") from None
     raise VsenseError(f"node {node} is not there: is `vsense camera node` running?")
+
+
+def hear(session: Any, key: str, take: Callable[[Any], object]) -> Any:
+    """Has what is said under a key be taken where it comes, by a thread of Zenoh's.
+
+    What comes too fast waits at its sender: Zenoh's own queue in between has no end.
+    """
+    import zenoh
+
+    return session.declare_subscriber(key, zenoh.handlers.Callback(take, indirect=False))
+
+
+def wait_in(questions: queue.Queue[Any], query: Any) -> None:
+    """Has a question wait, or refuses it where too many do."""
+    try:
+        questions.put_nowait(query)
+    except queue.Full:
+        refuse(query, "is asked too much at once")
+
+
+def answer_by(
+    threads: ThreadPoolExecutor, answer: Callable[[Any], object]
+) -> Callable[[Any], None]:
+    """Returns what has threads answer questions, of which a few may wait; others are refused."""
+    free = threading.BoundedSemaphore(MOST_WAITING)
+
+    def work(query: Any) -> None:
+        try:
+            answer(query)
+        finally:
+            free.release()
+
+    def take(query: Any) -> None:
+        if free.acquire(blocking=False):
+            threads.submit(work, query)
+        else:
+            refuse(query, "is asked too much at once")
+
+    return take
 
 
 def is_connected(session: Any) -> bool:
