@@ -335,7 +335,7 @@ class CameraNode:
         self, service: NodeService, number: int, frames: Sequence[Frame], found: Sequence[Found]
     ) -> bytes:
         pictures = [
-            SeenPicture(service.numbers[f.camera], f.capture_ns, f.ready_ns, seen)
+            SeenPicture(service.numbers[f.camera], f.capture_ns, seen)
             for f, seen in zip(frames, found, strict=True)
         ]
         now_ns, newest = self._clock(), service.newest
