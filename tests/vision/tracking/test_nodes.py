@@ -121,6 +121,22 @@ def test_what_a_node_does_not_have_is_named(files: Files) -> None:
         assert node.stop() == 143
 
 
+def test_a_tracker_that_was_killed_is_followed_by_another(files: Files) -> None:
+    """The node keeps its tracker for two seconds: it may only be cut off."""
+    resources, experiment = files(1)
+    where = f"tcp/127.0.0.1:{free_port()}"
+    central = central_file(resources, where, ("west",), "node_recording")
+    node = RunningNode("west", resources, where)
+    try:
+        session = tracking_session.load(central, experiment)
+        killed = open_tracking(session, host_ns, lambda text: None)
+        assert killed.nodes is not None
+        killed.nodes._zenoh.close()
+        opened(central, experiment)
+    finally:
+        node.stop()
+
+
 def test_a_port_that_another_has_ends_the_start(files: Files) -> None:
     import zenoh
 

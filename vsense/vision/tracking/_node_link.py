@@ -64,10 +64,13 @@ def families_of(searches: Sequence[MarkerSearch]) -> list[str]:
 
 
 class NodeClock:
-    """How far a node's clock is ahead, with its bound: the estimator of the robots' link."""
+    """How far a node's clock is ahead, with its bound: the estimator of the robots' link.
+
+    Zenoh's threads and the tracker's use it.
+    """
 
     def __init__(self) -> None:
-        self._clock = ffi.new("struct vs_clock *")
+        self._clock, self._busy = ffi.new("struct vs_clock *"), threading.Lock()
         lib.vs_clock_init(self._clock, 0)
 
     def sample(self, seen: SeenRows, now_ns: int) -> None:
@@ -75,14 +78,15 @@ class NodeClock:
         held_us = max(seen.held_ns, 0) // 1000
         if seen.echo_ns > 0 and held_us < 1 << 32 and seen.sent_ns > 0:
             # One that claims what cannot be is no sample, and that is all.
-            lib.vs_clock_sample(self._clock, seen.echo_ns, seen.sent_ns, held_us, now_ns)
+            with self._busy:
+                lib.vs_clock_sample(self._clock, seen.echo_ns, seen.sent_ns, held_us, now_ns)
 
     def estimate(self, now_ns: int) -> tuple[int, int] | None:
         """Returns the node's clock minus the tracker's, and its error's bound [ns]; None: none."""
         offset, bound = ffi.new("int64_t *"), ffi.new("uint64_t *")
-        if lib.vs_clock_estimate(self._clock, now_ns, offset, bound) < 0:
-            return None
-        return int(offset[0]), int(bound[0])
+        with self._busy:
+            known = lib.vs_clock_estimate(self._clock, now_ns, offset, bound) >= 0
+        return (int(offset[0]), int(bound[0])) if known else None
 
 
 class Arrived(NamedTuple):
@@ -297,13 +301,15 @@ class NodeLink:
         now_ns, data = self._now(), sample.payload.to_bytes()
         self.counts["messages"] += 1
         self.counts["bytes from it"] += len(data)
-        try:
-            self._accept(decode_rows(data, self.session, self.cameras), now_ns)
-        except NodeError as error:
-            self._refuse(str(error))
+        # A stranger's rows come by another thread than the node's.
+        with self._news:
+            try:
+                self._accept(decode_rows(data, self.session, self.cameras), now_ns)
+            except NodeError as error:
+                self._refuse(str(error))
 
     def _accept(self, seen: SeenRows, now_ns: int) -> None:
-        """Takes rows whose numbers and times can be; raises NodeError for others."""
+        """Takes rows whose numbers and times can be; NodeError: others. `_news` is held."""
         if seen.number <= self._newest_rows:
             raise NodeError("rows that came before")
         self.clock.sample(seen, now_ns)
@@ -316,13 +322,10 @@ class NodeLink:
                 picture.camera: self._dated(picture.capture_ns - offset_ns, bound_ns, now_ns)
                 for picture in seen.pictures
             }
-            with self._news:
-                for picture in seen.pictures:
-                    capture_ns, late_ns = arrived[picture.camera]
-                    self._arrived[picture.camera] = Arrived(
-                        capture_ns, now_ns, picture.found, late_ns
-                    )
-                self._news.notify_all()
+            for picture in seen.pictures:
+                capture_ns, late_ns = arrived[picture.camera]
+                self._arrived[picture.camera] = Arrived(capture_ns, now_ns, picture.found, late_ns)
+            self._news.notify_all()
         self._newest_rows, self.heard_ns = seen.number, now_ns
 
     def _dated(self, capture_ns: int, bound_ns: int, now_ns: int) -> tuple[int, int]:

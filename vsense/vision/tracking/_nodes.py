@@ -43,6 +43,8 @@ from vsense.vision.tracking.specs import CameraTrackerSpec, GrabberSpec, Trackin
 
 ANSWER_S = 10.0
 """A node has this time to come at the start, and to answer a question about a recording."""
+REFUSED_S = 2.5
+"""A node keeps a tracker for less."""
 _ASK_AGAIN_S, _ASKED_AGAIN = 0.4, 4
 
 
@@ -140,15 +142,14 @@ class Nodes:
             self._zenoh.close()
 
     def _await(self, link: NodeLink) -> dict[str, Any]:
-        """Asks a node until it answers."""
-        until_ns = self._clock() + round(1e9 * ANSWER_S)
+        """Asks a node until it answers; one may still serve a tracker that was killed."""
+        begin_ns = self._clock()
         while True:
             try:
                 return link.connect()
-            except NodeRefusal:
-                raise
-            except VsenseError:
-                if self._clock() > until_ns:
+            except VsenseError as error:
+                patience_s = REFUSED_S if isinstance(error, NodeRefusal) else ANSWER_S
+                if self._clock() > begin_ns + 1e9 * patience_s:
                     raise
                 self._ended.wait(_ASK_AGAIN_S)
 
