@@ -112,11 +112,16 @@ def test_texts_stay_texts_in_parquet(tmp_path: Path) -> None:
     columns: dict[str, Any] = {name: [text] for name, text in texts.items()}
     robots = Message("/robots", BEGIN_NS, columns | {"tag": [7], "shown": [{"a": "true\n1"}]})
     event = Message("/event", BEGIN_NS, {"text": "NaN", "level": "info"})
-    path = record(tmp_path / "run.mcap", [experiment(), robots, event])
+    measures = {"timestep": 3, "measures": {"value": 2.5, "tag": 1.5}}
+    signals = Message("/signals", BEGIN_NS, measures)
+    path = record(tmp_path / "run.mcap", [experiment(), robots, event, signals])
     assert main(["export", str(path), "-o", str(tmp_path / "tables"), "--parquet"]) == 0
     read = {p.stem: parquet.read_table(p) for p in (tmp_path / "tables").glob("*.parquet")}
     (row,) = read["robots"].to_pylist()
     assert {name: row[name] for name in texts} == texts and row["battery_mv"] is None
+    assert read["measures"].to_pylist() == [
+        {"time_s": 0.0, "timestep": 3, "value": 2.5, "tag": 1.5}
+    ]
     assert read["shown"].to_pylist()[0]["value"] == "true\n1"
     assert read["events"].to_pylist()[0]["text"] == "NaN"
     assert str(read["heard"].schema.field("sender").type) == "int64"

@@ -142,6 +142,8 @@ def _as_parquet(path: Path) -> None:
     text, whole, number = pyarrow.string(), pyarrow.int64(), pyarrow.float64()
     # A guess would make a number of a robot that is called 007, and nothing of an empty column.
     types = {c: text if c in _TEXTS else whole if c in _WHOLE else number for c in columns}
+    if path.stem == "measures":  # whose names are the user's
+        types = dict.fromkeys(columns, number) | {"timestep": whole}
     convert = tables.ConvertOptions(column_types=types, strings_can_be_null=True, null_values=[""])
     parse = tables.ParseOptions(newlines_in_values=True)
     try:
