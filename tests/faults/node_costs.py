@@ -211,7 +211,7 @@ class GhostNodes:
             for name, (session, founds) in list(self._served.items()):
                 now_ns, due_ns = host_ns(), turn * PERIOD_NS
                 echo_ns, came_ns = self._heard.get(name, (0, now_ns))
-                pictures = [SeenPicture(n, due_ns, now_ns, f) for n, f in enumerate(founds)]
+                pictures = [SeenPicture(n, due_ns, f) for n, f in enumerate(founds)]
                 seen = SeenRows(session, turn, now_ns, echo_ns, now_ns - came_ns, pictures)
                 self._zenoh.put(node_key("arena", name, "rows"), encode_rows(seen), express=True)
 

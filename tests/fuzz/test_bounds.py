@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import json
 import multiprocessing
 import resource
 import struct
@@ -19,8 +20,10 @@ import traceback
 import zipfile
 from collections.abc import Callable, Iterator
 from functools import cache
-from itertools import islice
+from itertools import islice, product
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 import zstandard
@@ -48,6 +51,10 @@ from vsense.vision.calibration.foreign import read_foreign
 from vsense.vision.cameras._recordings import read_timestamps
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import load_family
+from vsense.vision.tracking import recorded_tracker
+from vsense.vision.tracking._node_rows import decode_expectation, decode_rows
+from vsense.vision.tracking.node import CameraNode
+from vsense.vision.tracking.specs import GrabberSpec
 
 SIZE = 1 << 20
 CPU_S = 15
@@ -73,6 +80,21 @@ def recording(path: Path) -> None:
     with open_recording(path) as opened:
         for _ in opened.messages():
             pass
+
+
+def node_setup(path: Path) -> None:
+    """What a tracker asks a node for, as the node takes it: it refuses, and goes on."""
+    answers: list[bytes] = []
+    query = SimpleNamespace(
+        payload=SimpleNamespace(to_bytes=path.read_bytes), key_expr="", drop=lambda: None,
+        reply_err=answers.append, reply=lambda key, data: answers.append(data),
+    )  # fmt: skip
+    node: Any = object.__new__(CameraNode)
+    node._service, node._clock, node._say = None, int, len
+    grabber = GrabberSpec("a", "directory", str(path), path, None, 0.0, None, 1)
+    node._resources = resources.Resources("", {"a": grabber}, {}, {})
+    node._open(query)
+    assert answers
 
 
 def package(path: Path) -> None:
@@ -101,6 +123,9 @@ READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "batteries": ("csv", battery_history.read),
     "capture times": ("csv", lambda path: read_timestamps(path, False)),
     "corners": ("csv", lambda path: read_corners(path, 24)),
+    "node's rows": ("node", lambda path: decode_rows(path.read_bytes(), 0, SEEN)),
+    "expectations for a node": ("node", lambda path: decode_expectation(path.read_bytes())),
+    "setup for a node": ("setup", node_setup),
     "keys": ("text", keys.read),
     "holders of keys": ("text", key_holders.read),
     "tokens": ("text", read_tokens),
@@ -115,6 +140,35 @@ def filled(piece: bytes, head: bytes = b"", tail: bytes = b"", size: int = 0) ->
     """A piece as often as it fits."""
     size = size or SIZE
     return head + piece * ((size - len(head) - len(tail)) // len(piece)) + tail
+
+
+SEEN = [Camera.looking_down("a", 0.0, 0.0, 2.0, 500.0, (640, 480))]
+
+
+def node() -> Hostile:
+    """Heads of both kinds of messages that promise little, all, and too much."""
+    head = struct.Struct("<4sHHQQqqq4H")
+    for kind, count, fill in product((1, 2), (0, 1, 4096, 65535), (b"\0", b"\xff")):
+        counts = count, count, count, 0
+        yield f"{kind}, {count}", filled(fill, head.pack(b"vsnd", 1, kind, 0, 1, 0, 0, 0, *counts))
+
+
+def setup() -> Hostile:
+    """Setups that are right, but for how much there is of one thing; and any JSON."""
+    one = {"format": 1, "tracker": 1, "session": 1, "live": False, "grabbers": ["a"]}
+    data = recorded_tracker.of_family(SEEN, "arrow4x4", {31: 0.06})
+    camera = data["cameras"][0]
+    some = [camera | {"id": str(n)} for n in range(SIZE // 400)]
+    tags = [[n, 0.06] for n in range(SIZE // 20)]
+    for name, other in {
+        "no cameras": {"cameras": []},
+        "cameras": {"cameras": some, "sees": {c["id"]: "robots" for c in some}},
+        "a large camera": {"cameras": [camera | {"width_px": 1 << 30, "height_px": 1 << 30}]},
+        "tags": {"trackers": {"robots": data["trackers"]["robots"] | {"heights_m": tags}}},
+        "workers": {"workers": 1 << 40},
+    }.items():
+        yield name, json.dumps(one | {"tracking": data | other}).encode()
+    yield from as_json()
 
 
 def xml() -> Hostile:
@@ -316,6 +370,8 @@ FORMS: dict[str, Callable[[], Hostile]] = {
     "xml": xml,
     "toml": toml,
     "yaml": yaml,
+    "node": node,
+    "setup": setup,
     "json": as_json,
     "csv": csv,
     "text": text,

@@ -66,6 +66,8 @@ DEFINITIONS = {
 MAP = "map"
 LATCHED = "/tf_static", "/camera_info"
 """Ends of topics whose newest message is for those that come later, too."""
+_OWN = "pose", "battery"
+"""Topics of a robot that no sensor of this name may have: they are of other kinds."""
 _BATTERY_UNKNOWN = dict.fromkeys(
     ("temperature", "current", "charge", "capacity", "design_capacity", "percentage"), math.nan
 )
@@ -159,7 +161,8 @@ class Ros2Converter:
                 size = len(numbers)
                 layout = {"dim": [{"label": name, "size": size, "stride": size}]}
                 data = [float("nan") if n is None else float(n) for n in numbers]
-                topic = f"/{namespace(tag)}/{plain(name)}"
+                word = plain(name)
+                topic = f"/{namespace(tag)}/{'virtual_' * (word in _OWN)}{word}"
                 fields = {"layout": layout, "data": data}
                 yield Ros2Message(topic, "std_msgs/Float64MultiArray", now_ns, fields)
 

@@ -15,12 +15,15 @@ from vsense.base.arena import POSE, ArenaState, arena_data
 from vsense.base.message_bus import Message
 from vsense.cli import main
 
-FILE = '<virtual_range_and_bearing_sensor implementation="default" range="0.6" data_size="2" />'
+EARS = {"name": "range_and_bearing", "count": 13, "range_m": 0.6, "view_rad": 3.2}
+"""Three places of two bytes; it hears what is ahead."""
 PLACES = {
     23: (0.0, 0.0, math.pi / 2),  # looks along +y
     24: (0.0, 0.5, 0.0),  # 0.5 m ahead of it: 0.43 m between bodies of 3.5 cm
     25: (-0.4, 0.0, 0.0),  # 0.4 m to its left
-    26: (0.0, -0.7, 0.0),  # beyond its reach
+    26: (0.0, 0.7, 0.0),  # beyond its reach
+    27: (0.0, -0.3, 0.0),  # behind it
+    28: (-0.3, 0.05, 0.0),  # near, but is heard no farther than 0.2 m
 }
 
 
@@ -42,13 +45,14 @@ def readings(at_ns: int, taken_ns: int, *messages: tuple[float, float]) -> Messa
 
 
 def experiment() -> Message:
-    ground, heard = {"name": "ground", "count": 1}, {"name": "range_and_bearing", "count": 13}
+    ground, heard = {"name": "ground", "count": 1}, EARS | {"max_messages": 3}
     controllers = [
         {"id": "a", "tags": [23], "sensors": [ground, heard]},
-        {"id": "b", "tags": [24, 25, 26], "sensors": [ground]},
+        {"id": "b", "tags": [24, 25, 26, 27], "sensors": [ground]},
+        {"id": "c", "tags": [28], "sensors": [ground], "said_range_m": 0.2},
     ]
     robots = [{"tag": tag, "name": str(tag), "radius_m": 0.035} for tag in PLACES]
-    data = {"controllers": controllers, "robots": robots, "file_text": FILE}
+    data = {"controllers": controllers, "robots": [{"tag": "damaged"}, *robots, {}]}
     return Message("/experiment", BEGIN_NS, data)
 
 
@@ -96,9 +100,32 @@ def test_tables_as_parquet(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     rows = parquet.read_table(folder / "heard.parquet").to_pylist()
     assert [(row["sender"], row["heard"]) for row in rows] == [(24, 1), (25, 0)]
     assert rows[0]["range_m"] == pytest.approx(0.43) and rows[1]["range_m"] is None
-    assert parquet.read_table(folder / "trajectories.parquet").num_rows == 4
+    assert parquet.read_table(folder / "trajectories.parquet").num_rows == len(PLACES)
     assert main(["export", str(path), "--rosbag", str(tmp_path / "bag"), "--parquet"]) == 2
     assert "--parquet is for tables: --rosbag writes none" in capsys.readouterr().err
+
+
+def test_texts_stay_texts_in_parquet(tmp_path: Path) -> None:
+    """What looks like a number, a date or yes; and tables that are empty have their types."""
+    parquet = pytest.importorskip("pyarrow.parquet", reason="pip install vsense[tables]")
+    texts = {"name": "007", "version": "1.10", "hash": "12e45678", "controller": "2026-11-28"}
+    columns: dict[str, Any] = {name: [text] for name, text in texts.items()}
+    robots = Message("/robots", BEGIN_NS, columns | {"tag": [7], "shown": [{"a": "true\n1"}]})
+    event = Message("/event", BEGIN_NS, {"text": "NaN", "level": "info"})
+    measures = {"timestep": 3, "measures": {"value": 2.5, "tag": 1.5}}
+    signals = Message("/signals", BEGIN_NS, measures)
+    path = record(tmp_path / "run.mcap", [experiment(), robots, event, signals])
+    assert main(["export", str(path), "-o", str(tmp_path / "tables"), "--parquet"]) == 0
+    read = {p.stem: parquet.read_table(p) for p in (tmp_path / "tables").glob("*.parquet")}
+    (row,) = read["robots"].to_pylist()
+    assert {name: row[name] for name in texts} == texts and row["battery_mv"] is None
+    assert read["measures"].to_pylist() == [
+        {"time_s": 0.0, "timestep": 3, "value": 2.5, "tag": 1.5}
+    ]
+    assert read["shown"].to_pylist()[0]["value"] == "true\n1"
+    assert read["events"].to_pylist()[0]["text"] == "NaN"
+    assert str(read["heard"].schema.field("sender").type) == "int64"
+    assert str(read["robots"].schema.field("battery_mv").type) == "double"
 
 
 def test_what_a_simulated_run_heard(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -118,6 +145,28 @@ def test_what_a_simulated_run_heard(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert len(rows) > 500 and share == pytest.approx(0.7, abs=4 * math.sqrt(0.21 / len(rows)))
 
 
+def test_what_foot_bots_heard(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Their radio reaches 3 m and carries 10 bytes; a file of ARGoS need not say so."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "stand.lua").write_text("function init() end\nfunction step() end\n")
+    text = TALK.replace(
+        'virtual_range_and_bearing_sensor implementation="default" range="0.8"', RAB
+    )
+    text = text.replace("e-puck", "foot-bot").replace("0.3,0,0", "1.3,0.5,0")
+    text = text.replace("<arena", '<media><range_and_bearing id="rab" /></media><arena')
+    (tmp_path / "talk.argos").write_text(text.replace("loss_probability", "packet_drop_prob"))
+    assert main(["sim", "talk.argos", "--record", "--output", "run"]) == 0
+    assert main(["export", "run", "-o", "tables"]) == 0
+    rows = table(tmp_path / "tables")
+    assert {(r["tag"], r["sender"]) for r in rows} == {("1", "2"), ("2", "1")}
+    heard = [float(r["range_m"]) for r in rows if r["heard"] == "1"]
+    # Less twice the radius of a foot-bot, footbot_entity.cpp: 0.085036758.
+    far_m = math.hypot(1.3, 0.5) - 2.0 * 0.085036758
+    assert heard == pytest.approx([far_m] * len(heard), abs=1e-3)
+    assert 0.6 * len(rows) < len(heard) < 0.8 * len(rows)
+
+
+RAB = 'range_and_bearing medium="rab" implementation="medium"'
 TALK = """<argos-configuration xmlns:vs="urn:vsense:1">
 <framework><experiment length="30" ticks_per_second="10" random_seed="3" /></framework>
 <controllers><lua_controller id="a"><actuators><differential_steering implementation="default" />

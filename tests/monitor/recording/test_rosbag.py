@@ -38,8 +38,9 @@ def messages() -> list[Message]:
     robots["seen"] = True, True, False
     state = ArenaState(7, BEGIN_NS + 40, robots, 2)
     sensors = [{"name": "light", "count": 3}, {"name": "ground sensor", "count": 1}]
+    battery = {"name": "battery", "count": 2}
     controllers = [
-        {"id": "a", "tags": [23], "sensors": sensors},
+        {"id": "a", "tags": [23], "sensors": [*sensors, battery]},
         {"id": "b", "tags": [24], "sensors": sensors[1:]},
     ]
     experiment = {
@@ -50,8 +51,8 @@ def messages() -> list[Message]:
         "timestep": 7,
         "capture_ns": BEGIN_NS + 40,
         "tag": [23, 24],
-        "values": [[[0.25, 0.5, 1.0], [0.125]], [[None]]],
-        "captured_ns": [[1, 1], [1]],
+        "values": [[[0.25, 0.5, 1.0], [0.125], [0.5, 60.0]], [[None]]],
+        "captured_ns": [[1, 1, 1], [1]],
     }
     return [
         Message("/experiment", BEGIN_NS, experiment),
@@ -110,6 +111,7 @@ def test_both_readers_find_what_was_worked_out_by_hand(read: Any, bag: tuple[Pat
         "/robot_23/light": "std_msgs/msg/Float64MultiArray",
         "/robot_23/ground_sensor": "std_msgs/msg/Float64MultiArray",
         "/robot_24/ground_sensor": "std_msgs/msg/Float64MultiArray",
+        "/robot_23/virtual_battery": "std_msgs/msg/Float64MultiArray",
         "/robot_23/battery": "sensor_msgs/msg/BatteryState",
     }
     data = {topic: message for topic, (_, _, message) in found.items()}

@@ -137,6 +137,25 @@ def test_a_pose_that_repeats_to_the_last_bit_is_not_seen() -> None:
     assert bodies.robots(strangers, 10**9) == [] and len(said) == 8, "nobody is flooded"
 
 
+def test_another_axis_up_and_millimetres_are_told() -> None:
+    """Motive's y points up, and up is "z" unless the file says otherwise."""
+    said: list[str] = []
+    bodies = RigidBodies(TAGS, "z", repeats=True, say=said.append)
+    quarter = (0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5))  # about y
+    assert bodies.robots([("red one", (0.5, 0.1, -1.5, *quarter))], 0) == []
+    assert bodies.robots([("blue", (500.0, 250.0, 0.1, *STILL))], 0) == []
+    assert said == [
+        "rigid body 'red one' is -1.5 m above the floor: is up='z' true?",
+        "rigid body 'red one' looks up or down: it counts as unseen; is up='z' true?",
+        "rigid body 'blue' is 500 m away, expected metres: it counts as unseen",
+    ]
+    (robot,) = RigidBodies(TAGS, "y", repeats=True, say=said.append).robots(
+        [("red one", (0.5, 0.1, -1.5, *quarter))], 0
+    )
+    assert (robot["x_m"], robot["y_m"]) == (0.5, 1.5) and len(said) == 3
+    assert robot["yaw_rad"] == pytest.approx(math.pi / 2)
+
+
 def test_a_server_that_falls_silent_is_asked_again_and_a_run_goes_on() -> None:
     """A restart: another process, other ports for data, bodies numbered otherwise."""
     places = [body("red one", 0.1, 0.2), body("blue", 0.5, 0.6)]
@@ -189,6 +208,6 @@ def test_a_server_that_is_not_there_or_a_type_that_is_not_known_is_said() -> Non
 def test_places_on_the_floor_by_hand(
     up: str, pose: tuple[float, ...], expected: tuple[float, ...]
 ) -> None:
-    x_m, y_m, yaw_rad = on_floor(pose, up)  # type: ignore[arg-type]
+    x_m, y_m, yaw_rad, *_ = on_floor(pose, up)  # type: ignore[arg-type]
     assert (x_m, y_m) == expected[:2]
     assert math.remainder(yaw_rad - expected[2], math.tau) == pytest.approx(0.0, abs=1e-9)

@@ -275,11 +275,14 @@ def test_pictures_alone_say_which_cameras_were_moved(
             cv2.imwrite(str(tmp_path / folder / name / "floor_01.png"), picture)
     shutil.rmtree(tmp_path / "then" / "c")
     words = ["calibrate", "check", "--cameras", str(tmp_path / "cameras"), "--pictures"]
+    assert main([*words, str(tmp_path / "then")]) == 1
+    assert "no camera could be compared" in capsys.readouterr().err
     assert main([*words, str(tmp_path / "then"), "--keep"]) == 0
     kept = [tmp_path / "cameras" / "reference" / f"{name}.png" for name in "ab"]
     assert capsys.readouterr().out.splitlines() == [str(path) for path in kept]
     assert main([*words, str(tmp_path / "then")]) == 0
-    assert capsys.readouterr().err.count("in its place") == 2
+    told = capsys.readouterr().err
+    assert told.count("in its place") == 2 and "no picture of c: not compared" in told
     assert main([*words, str(tmp_path / "now"), "--json"]) == 1
     told = capsys.readouterr()
     assert "camera a: in its place" in told.err and "camera b: has moved by 2." in told.err

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -171,7 +172,16 @@ def test_others_read_what_goes_out(tmp_path: Path) -> None:
 BAD = {
     "no.yml": ("x", "no.yml:1: 'x': expected 'name: value'"),
     "open.yml": ("a: 1\nb: [1,\n2\n", "open.yml:2: b: expected ']' at its end"),
-    "empty.yml": ("", "empty.yml:1: image_width: 0 numbers, expected 2"),
+    "empty.yml": ("", "empty.yml:1: image_width: is missing"),
+    "data.xml": ('<?xml version="1.0"?>', "data.xml:1: '<?xml version=\"1.0\"?>': expected 'name:"),
+    "equal.yml": (
+        OPENCV.replace("flags: 0", "flags: 14\nfisheye_model: 1"),
+        "equal.yml:9: fisheye_model: '1', expected plumb_bob",
+    ),
+    "model.yaml": (
+        ROS.replace("distortion_model: plumb_bob", "camera_model: equidistant"),
+        "model.yaml:8: camera_model: 'equidistant', expected plumb_bob",
+    ),
     "fisheye.yaml": (
         ROS.replace("plumb_bob", "equidistant"),
         "fisheye.yaml:8: distortion_model: 'equidistant', expected plumb_bob",
@@ -200,14 +210,46 @@ BAD = {
     ),
     "shift.yml": (OPENCV + "translation:\n  data: [1, 2, 3]\n", "rotation: is missing"),
     "none.toml": ("", "none.toml:1: expected caliscope's tables [cameras.0]"),
-    "table.toml": ("[cameras]\n0 = 3\n", "table.toml:2: 0: expected a table"),
-    "wide.toml": ("[cameras.0]\nfisheye = true\n", "wide.toml:2: fisheye: a fisheye lens"),
-    "bare.toml": ("[cameras.0]\nsize = [1, 1]\n", "bare.toml:1: matrix: is missing"),
+    "table.toml": ("[cameras]\n0 = 3\n", "table.toml:2: camera 0: 0: expected a table"),
+    "wide.toml": (
+        "[cameras.0]\nfisheye = true\n",
+        "wide.toml:2: camera 0: fisheye: a fisheye lens",
+    ),
+    "bare.toml": ("[cameras.0]\nsize = [1, 1]\n", "bare.toml:1: camera 0: matrix: is missing"),
     "deep.toml": (
         "[cameras.0]\nsize = [1, 1]\nmatrix = [[[1]]]\n",
-        "deep.toml:3: matrix: expected 9 numbers",
+        "deep.toml:3: camera 0: matrix: expected 9 numbers",
     ),
 }
+
+
+def test_what_may_be_meant_otherwise_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Millimetres; a camera of caliscope without a place; a model that is named as none."""
+    down = "rotation:\n  data: [1, 0, 0, 0, -1, 0, 0, 0, -1]\n"
+    text = OPENCV.replace("flags: 0", "flags: 0\nfisheye_model: 0") + down
+    (tmp_path / "mm.yml").write_text(text + "translation:\n  data: [120, 340, 2350]\n")
+    lens = "size = [9, 9]\nmatrix = [[9, 0, 4], [0, 9, 4], [0, 0, 1]]\ndistortions = [0, 0, 0, 0]\n"
+    (tmp_path / "a.toml").write_text(
+        f'[cameras.7]\nrotation = "null"\ntranslation = "null"\n{lens}'
+    )
+    files = [str(tmp_path / name) for name in ("mm.yml", "a.toml")]
+    assert main(["calibrate", "import", *files, "-o", str(tmp_path / "out")]) == 0
+    told = capsys.readouterr().err
+    assert "camera mm: is 2377 m away: its translation has to be in m" in told
+    assert "camera cam_7: a lens only" in told
+
+
+def test_what_does_not_go_out_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in ("cam_0_0", "cam_1_0"):
+        seen = Camera.looking_down(name, 0.0, 0.0, 2.0, 500.0, (640, 480))
+        (tmp_path / f"{name}.json").write_text(replace(seen, row_time_s=2e-5).to_json())
+    words = ["--format", "caliscope", "--cameras", str(tmp_path), "-o", str(tmp_path / "out")]
+    assert main(["calibrate", "export", *words]) == 0
+    told = capsys.readouterr().err
+    assert "camera cam_1_0 as cam_1: 0.0000 px" in told
+    assert "camera cam_0_0: row_time_s stays behind: caliscope has none" in told
 
 
 @pytest.mark.parametrize("name", BAD)

@@ -15,6 +15,7 @@ from tests.conftest import require_tool
 from tests.rigs.nodes import PERIOD_NS, RunningNode, Watched, central_file, draw
 from tests.rigs.places import ROOT
 from tests.rigs.processes import free_port
+from vsense.base.errors import VsenseError
 
 zenoh = pytest.importorskip("zenoh", reason="pip install vsense[nodes]")
 pytestmark = pytest.mark.paced
@@ -83,7 +84,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
 
 
 def test_a_node_that_nobody_has_listed_gives_nothing(scene: Scene) -> None:
-    token = scene.other.liveliness().declare_token("vsense/arena/thief/here")
+    token = scene.other.liveliness().declare_token("vsense/arena/thief/here/1")
     for data in scene.heard[-3:]:
         scene.say("thief/rows", data)
     line = "node thief is there, and no <grabber> names it"
@@ -91,6 +92,33 @@ def test_a_node_that_nobody_has_listed_gives_nothing(scene: Scene) -> None:
     token.undeclare()
     scene.watched.wait_whole(4)
     assert {c for s in scene.watched.steps for c in s.captures_ns} == {f"cam_{n}" for n in range(4)}
+
+
+def test_two_nodes_of_one_name_are_told_and_neither_is_asked(scene: Scene) -> None:
+    """By default a node is called as its computer, and many are called alike."""
+    watched, line = scene.watched, "2 nodes are called west, expected one"
+    said = len(watched.said)
+    token = scene.other.liveliness().declare_token("vsense/arena/west/here/1")
+    watched.wait(lambda: any(line in text for _, text in watched.said[said:]), line)
+    watched.wait_whole(4)
+    with pytest.raises(VsenseError, match=line):
+        scene.link.check_name()
+    token.undeclare()
+    watched.wait(lambda: len(scene.link._here) == 1, "its end")
+    scene.link.check_name()
+
+
+def test_a_flood_of_questions_does_not_keep_a_node_from_its_work(scene: Scene) -> None:
+    def answers(part: str, question: bytes) -> set[str]:
+        flood = [scene.other.get(f"vsense/arena/west/{part}", payload=question, timeout=30.0)
+                 for _ in range(2000)]  # fmt: skip
+        return {reply.err.payload.to_string() for replies in flood for reply in replies}
+
+    assert "is asked too much at once" in answers("open", b"x")
+    assert all("session" in text or "too much" in text for text in answers("read", b"[1, 0, 0]"))
+    steps = len(scene.watched.steps)
+    scene.watched.wait(lambda: len(scene.watched.steps) > steps + 5, "timesteps")
+    scene.watched.wait_whole(4)
 
 
 def test_garbage_and_other_versions_are_refused_and_cost_nothing_else(scene: Scene) -> None:
@@ -104,10 +132,11 @@ def test_garbage_and_other_versions_are_refused_and_cost_nothing_else(scene: Sce
             ("west/events", b"[0, [[0, 'gone', 'x']]]"),
             ("west/events", b"\xff" * 1000),
             ("west/preview/99", b"x"),
+            ("west/preview/00009999", b"x"),
             ("west/preview/0", b"x" * 1000),
         ]
     )
-    assert any("format 2, this is 1" in line for line in lines) and len(lines) == 8
+    assert any("format 2, this is 1" in line for line in lines) and len(lines) == 9
 
 
 def test_rows_that_were_heard_count_once(scene: Scene) -> None:

@@ -19,6 +19,8 @@ from vsense.config import tracking_session
 from vsense.modes.live._sources import doubt_of_nodes
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import load_family
+from vsense.vision.tracking import node_session
+from vsense.vision.tracking.node_session import NodeNetwork, open_network
 from vsense.vision.tracking.opening import open_tracking
 
 pytest.importorskip("zenoh", reason="pip install vsense[nodes]")
@@ -119,6 +121,22 @@ def test_what_a_node_does_not_have_is_named(files: Files) -> None:
         assert node.stop() == 143
 
 
+def test_a_tracker_that_was_killed_is_followed_by_another(files: Files) -> None:
+    """The node keeps its tracker for two seconds: it may only be cut off."""
+    resources, experiment = files(1)
+    where = f"tcp/127.0.0.1:{free_port()}"
+    central = central_file(resources, where, ("west",), "node_recording")
+    node = RunningNode("west", resources, where)
+    try:
+        session = tracking_session.load(central, experiment)
+        killed = open_tracking(session, host_ns, lambda text: None)
+        assert killed.nodes is not None
+        killed.nodes._zenoh.close()
+        opened(central, experiment)
+    finally:
+        node.stop()
+
+
 def test_a_port_that_another_has_ends_the_start(files: Files) -> None:
     import zenoh
 
@@ -130,6 +148,43 @@ def test_a_port_that_another_has_ends_the_start(files: Files) -> None:
         central = central_file(resources, where, NODES, "node")
         with pytest.raises(VsenseError, match=f"{where}: Zenoh does not begin: .*in use"):
             opened(central, experiment)
+
+
+def test_trackers_and_nodes_meet_at_a_router(files: Files, monkeypatch: pytest.MonkeyPatch) -> None:
+    import zenoh
+
+    resources, experiment = files(1)
+    where = f"tcp/127.0.0.1:{free_port()}"
+    central = central_file(resources, where, ("west",), "node_recording")
+    central.write_text(central.read_text().replace("<nodes listen", "<nodes connect"))
+    monkeypatch.setattr(node_session, "ROUTER_MS", 100)
+    with pytest.raises(VsenseError, match=f"{where}: Zenoh does not begin: Unable to connect"):
+        opened(central, experiment)
+    config = zenoh.Config()
+    config.insert_json5("mode", '"router"')
+    config.insert_json5("listen/endpoints", f'["{where}"]')
+    with zenoh.open(config):
+        node = RunningNode("west", resources, where)
+        try:
+            assert len(tracked(central, experiment, [])) == TIMESTEPS
+        finally:
+            node.stop()
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("x{", "zenoh.json5: no configuration of Zenoh's: --> 1:1"),
+        ("{ transport: { link: { tls: { connect_certificate: '/none.pem' } } } }",
+         "zenoh.json5: connect_certificate: /none.pem: No such file"),
+    ],
+)  # fmt: skip
+def test_configurations_that_cannot_be_are_told(tmp_path: Path, text: str, words: str) -> None:
+    config = tmp_path / "zenoh.json5"
+    config.write_text(text)
+    with pytest.raises(UsageError) as caught:
+        open_network(NodeNetwork((), ("tls/127.0.0.1:7447",), config))
+    assert words in str(caught.value) and "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(

@@ -9,10 +9,10 @@ ones say has no sender.
 from __future__ import annotations
 
 import math
-import re
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from contextlib import suppress
+from typing import Any, NamedTuple
 
 from vsense.monitor.recording.form import ExperimentMessage
 
@@ -23,27 +23,32 @@ SENSOR = "range_and_bearing"
 _NEAR_M = 0.1
 """A sender is at most so far from where its message comes from: noise, and moves meanwhile."""
 _KEPT = 64
-_REACH = re.compile(r'(?:range_and_bearing[^>]*?\srange|\srab_range)="([0-9.eE+-]+)"')
-
-_SIZE = re.compile(r'(?:range_and_bearing[^>]*?\sdata_size|\srab_data_size)="(\d{1,3})"')
-"""What a file says of its reach [m], and of the bytes of a message."""
-_USUAL_REACH_M, _USUAL_BYTES = 0.8, 4
 
 Pose = tuple[float, float, float]
+
+
+class _Ears(NamedTuple):
+    """The sensor of a controller: which of its sensors it is, and what `/experiment` says of it."""
+
+    place: int
+    numbers: int
+    range_m: float
+    view_rad: float
 
 
 class Hearing:
     """Follows arena states, and makes rows of readings; for one thread."""
 
     def __init__(self, experiment: ExperimentMessage) -> None:
-        self._radius_m = {
-            int(row["tag"]): float(row.get("radius_m") or experiment.body_radius_m or 0.0)
-            for row in experiment.robots
-        }
-        said = [float(text) for text in _REACH.findall(experiment.file_text)]
-        self._reach_m = max(said, default=_USUAL_REACH_M)
-        sizes = [int(text) for text in _SIZE.findall(experiment.file_text)]
-        self._place = 2 + max(sizes, default=_USUAL_BYTES)
+        """Of damaged robots and controllers, and of those before `range_m` was said, none is."""
+        self._radius_m: dict[int, float] = {}
+        for row in experiment.robots:
+            with suppress(KeyError, TypeError, ValueError):
+                radius_m = float(row.get("radius_m") or experiment.body_radius_m or 0.0)
+                self._radius_m[int(row["tag"])] = radius_m
+        self._controller_of = experiment.controller_of()
+        self._ears = [_ears_of(controller) for controller in experiment.controllers]
+        self._said_m = [controller.get("said_range_m") for controller in experiment.controllers]
         self._states: deque[tuple[int, dict[int, Pose]]] = deque(maxlen=_KEPT)
 
     def see(self, data: Mapping[str, Any]) -> None:
@@ -53,34 +58,38 @@ class Hearing:
         poses = {tag: (x, y, yaw) for tag, x, y, yaw in zip(*columns) if tag in self._radius_m}
         self._states.append((int(data["capture_ns"]), poses))
 
-    def rows(
-        self, data: Mapping[str, Any], tag: int, numbers: Sequence[float], taken_ns: int
+    def rows(self, data: Mapping[str, Any]) -> Iterator[list[Any]]:
+        """Readings: a row for each message, and for each robot that could have been heard."""
+        for tag, values, taken in zip(data["tag"], data["values"], data["captured_ns"]):
+            ears = self._ears[self._controller_of.get(tag, 0)]
+            if ears is not None and taken[ears.place] >= 0 and values[ears.place]:
+                yield from self._rows_of(data, tag, ears, values[ears.place], taken[ears.place])
+
+    def _rows_of(
+        self,
+        data: Mapping[str, Any],
+        tag: int,
+        ears: _Ears,
+        numbers: Sequence[float],
+        taken_ns: int,
     ) -> Iterator[list[Any]]:
-        """One robot's reading: a row for each message, and for each robot that was not heard."""
-        if taken_ns < 0 or not self._states or not numbers:
-            return
-        poses = min(self._states, key=lambda state: abs(state[0] - taken_ns))[1]
+        poses = min(self._states, key=lambda state: abs(state[0] - taken_ns), default=(0, {}))[1]
         if tag not in poses:
             return
         age_s = (data["capture_ns"] - taken_ns) / 1e9
         missing = {other: pose for other, pose in poses.items() if other != tag}
         distances = {other: math.dist(poses[tag][:2], p[:2]) for other, p in missing.items()}
-        for range_m, bearing_rad in self._messages(numbers):
+        for at in range(1, 1 + round(numbers[0]) * ears.numbers, ears.numbers):
+            range_m, bearing_rad = numbers[at] / 100.0, numbers[at + 1]
             sender = self._sender(tag, poses[tag], range_m, bearing_rad, missing)
             missing.pop(sender, None)
             far = distances.get(sender)
             head = [data["timestep"], tag, None if sender < 0 else sender]
             yield [*head, 1, far, range_m, bearing_rad, age_s]
-        for other in sorted(missing):
-            if distances[other] < self._reach_m:
+        for other, pose in sorted(missing.items()):
+            said_m = self._said_m[self._controller_of.get(other, 0)] or ears.range_m
+            if distances[other] < said_m and _is_ahead(poses[tag], pose, ears.view_rad):
                 yield [data["timestep"], tag, other, 0, distances[other], None, None, age_s]
-
-    def _messages(self, numbers: Sequence[float]) -> Iterator[tuple[float, float]]:
-        """Range [m] and bearing [rad] of each message: their number comes first, then places."""
-        if (len(numbers) - 1) % self._place:
-            raise ValueError(f"{len(numbers)} numbers, expected places of {self._place}")
-        for at in range(1, 1 + round(numbers[0]) * self._place, self._place):
-            yield numbers[at] / 100.0, numbers[at + 1]
 
     def _sender(
         self, tag: int, pose: Pose, range_m: float, bearing_rad: float, others: Mapping[int, Pose]
@@ -88,11 +97,29 @@ class Hearing:
         """The nearest robot to where a message comes from; -1: none is near."""
         x, y, yaw = pose
         nearest, least_m = -1, _NEAR_M
+        # The range ends at the bodies, and a sensor takes the others for as wide as its own.
+        far = range_m + 2.0 * self._radius_m[tag]
+        at = x + far * math.cos(yaw + bearing_rad), y + far * math.sin(yaw + bearing_rad)
         for other, (other_x, other_y, _) in others.items():
-            # The range is between the two bodies, not between their middles.
-            far = range_m + self._radius_m[tag] + self._radius_m[other]
-            at = x + far * math.cos(yaw + bearing_rad), y + far * math.sin(yaw + bearing_rad)
             off_m = math.dist(at, (other_x, other_y))
             if off_m < least_m:
                 nearest, least_m = other, off_m
         return nearest
+
+
+def _ears_of(controller: Mapping[str, Any]) -> _Ears | None:
+    """None: it has no such sensor, or its recording does not say enough of it."""
+    sensors = controller.get("sensors")
+    for place, sensor in enumerate(sensors if isinstance(sensors, list) else []):
+        with suppress(KeyError, TypeError, ValueError, AttributeError, ZeroDivisionError):
+            if sensor["name"] == SENSOR:
+                numbers = (int(sensor["count"]) - 1) // int(sensor["max_messages"])
+                return _Ears(place, numbers, float(sensor["range_m"]), float(sensor["view_rad"]))
+    return None
+
+
+def _is_ahead(pose: Pose, other: Pose, view_rad: float) -> bool:
+    """Whether a robot is within an angle around straight ahead."""
+    x, y, yaw = pose
+    bearing_rad = math.atan2(other[1] - y, other[0] - x) - yaw
+    return abs(math.remainder(bearing_rad, math.tau)) <= view_rad / 2.0

@@ -17,7 +17,7 @@ from vsense.base.terminal import Console, Interruption
 from vsense.monitor import recording
 from vsense.monitor.recording import changes, form
 from vsense.monitor.recording._hearing import COLUMNS as HEARD
-from vsense.monitor.recording._hearing import SENSOR, Hearing
+from vsense.monitor.recording._hearing import Hearing
 from vsense.monitor.recording.form import ExperimentMessage, RecordingError
 from vsense.monitor.recording.reader import Recording, open_recording, read_gap
 
@@ -31,6 +31,12 @@ TRAJECTORIES = (
     "covariance_xx_m2", "covariance_xy_m2", "covariance_x_yaw_m_rad",
     "covariance_yy_m2", "covariance_y_yaw_m_rad", "covariance_yaw_yaw_rad2",
 )  # fmt: skip
+_TEXTS = {
+    "name", "doubt", "state", "stop_cause", "version", "controller", "hash", "expected", "held",
+    "trouble", "level", "by", "text", "value",
+}  # fmt: skip
+_WHOLE = {"timestep", "run_timestep", "tag", "sender", "age_ns"}
+"""Columns of text, and of whole numbers; all others are of numbers."""
 TABLES = ("trajectories", "readings", "heard", "robots", "shown", "measures", "events")
 
 
@@ -127,10 +133,24 @@ def _tables(opened: Recording, folder: Path, parquet: bool, console: Console) ->
 
 def _as_parquet(path: Path) -> None:
     """Puts a Parquet file in the place of a table."""
+    import pyarrow
     from pyarrow import csv as tables
     from pyarrow import parquet
 
-    parquet.write_table(tables.read_csv(path), path.with_suffix(".parquet"))
+    with path.open(encoding="utf-8", newline="") as file:
+        columns = next(csv.reader(file))
+    text, whole, number = pyarrow.string(), pyarrow.int64(), pyarrow.float64()
+    # A guess would make a number of a robot that is called 007, and nothing of an empty column.
+    types = {c: text if c in _TEXTS else whole if c in _WHOLE else number for c in columns}
+    if path.stem == "measures":  # whose names are the user's
+        types = dict.fromkeys(columns, number) | {"timestep": whole}
+    convert = tables.ConvertOptions(column_types=types, strings_can_be_null=True, null_values=[""])
+    parse = tables.ParseOptions(newlines_in_values=True)
+    try:
+        table = tables.read_csv(path, parse_options=parse, convert_options=convert)
+    except pyarrow.ArrowInvalid as error:
+        raise RecordingError(f"{path} is no Parquet, and stays: {error}") from None
+    parquet.write_table(table, path.with_suffix(".parquet"))
     path.unlink()
 
 
@@ -289,13 +309,7 @@ class _Export:
         return ()
 
     def _heard(self, message: Message) -> Iterable[Cells]:
-        """Who heard whom, and who was not heard."""
-        data = message.data
-        for tag, values, taken in zip(data["tag"], data["values"], data["captured_ns"]):
-            names = [name for name, _ in self._sensors[self._controller_of.get(tag, 0)]]
-            if SENSOR in names:
-                at = names.index(SENSOR)
-                yield from self._hearing.rows(data, tag, values[at], taken[at])
+        return self._hearing.rows(message.data)
 
     def _readings(self, message: Message) -> Iterable[Cells]:
         data = message.data

@@ -24,10 +24,12 @@ from vsense.robots.link.table import Direction, Entry
 from vsense.run.environment import Environment, Equipment
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.cameras.grabber import Troubles
+from vsense.world.actuators.messages import MessagesActuator
 from vsense.world.entities import Entity, VirtualRobot
 from vsense.world.fields import Field, Floor
 from vsense.world.robot_models import EPUCK, WHEELS
 from vsense.world.sensors.base import VirtualSensor, layout_dtype
+from vsense.world.sensors.range_and_bearing import RangeAndBearingSensor
 from vsense.world.world import World
 
 ENTITY_KINDS = {
@@ -245,6 +247,8 @@ def _setup_of(facts: ExperimentFacts, spec: Experiment) -> Data:
 
 
 def _controller(spec: ControllerSpec, equipment: Equipment) -> Data:
+    actuators = (mounted.actuator for mounted in spec.actuators)
+    said_m = [a.range_m for a in actuators if isinstance(a, MessagesActuator)]
     return {
         "id": spec.id,
         "library": spec.library,
@@ -255,6 +259,7 @@ def _controller(spec: ControllerSpec, equipment: Equipment) -> Data:
             for e in equipment.table.entries
             if e.direction == Direction.ACTUATOR
         ],
+        "said_range_m": next((said for said in said_m if said > 0.0), None),
     }
 
 
@@ -266,7 +271,15 @@ def _sensor(sensor: VirtualSensor) -> Data:
         "count": layout_dtype(sensor.layout)[0],
         "unit": getattr(sensor, "unit", None),
         "angles_rad": None if angles_rad is None else angles_rad.tolist(),
+        **(_hearing(sensor) if isinstance(sensor, RangeAndBearingSensor) else {}),
     }
+
+
+def _hearing(sensor: RangeAndBearingSensor) -> Data:
+    """Whom a sensor hears, and how many of them: without these its numbers say nothing."""
+    reach = sensor.reach
+    facts = {"range_m": reach.range_m, "view_rad": reach.field_of_view_rad}
+    return {**facts, "max_messages": sensor.max_messages}
 
 
 def cameras(

@@ -76,7 +76,8 @@ def run(options: CheckOptions) -> int:
 
     Raises:
         UsageError, ConfigError: options or files are wrong.
-        PoorCalibration: a point is farther off than `limit`, or a camera was moved.
+        PoorCalibration: a point is farther off than `limit`, a camera was moved, or none of them
+            could be compared with its reference picture.
         VsenseError: the pictures show nothing of what was measured.
     """
     _check_options(options)
@@ -112,7 +113,7 @@ def run(options: CheckOptions) -> int:
 def _with_references(options: CheckOptions, cameras: Mapping[str, Camera]) -> int:
     """Compares pictures with those of the calibration, or makes them its references; returns 0.
 
-    Raises PoorCalibration where a camera was moved, and UsageError.
+    Raises as `run`.
     """
     pictures = _references.backgrounds(_pictures_of(options, cameras))
     for name, image in pictures.items():
@@ -137,8 +138,12 @@ def _with_references(options: CheckOptions, cameras: Mapping[str, Camera]) -> in
         facts = {n: None if isinstance(s, str) else s.facts() for n, s in found.items()}
         print_data(json.dumps({"cameras": facts}, indent=2))
     moved = [name for name, seen in found.items() if not isinstance(seen, str) and seen.moved]
+    if without := sorted(set(cameras) - set(found)):
+        _say(f"no picture of {', '.join(without)}: not compared")
     if moved:
         raise PoorCalibration(f"moved since the calibration: {', '.join(moved)}")
+    if all(isinstance(seen, str) for seen in found.values()):
+        raise PoorCalibration("no camera could be compared with its reference picture")
     return 0
 
 

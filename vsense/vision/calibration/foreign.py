@@ -11,7 +11,7 @@ import json
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +36,11 @@ _FAR_M = 2.0
 _ORTHOGONAL = 1e-4
 _COEFFICIENTS = (0, 4, 5, 8, 12, 14)
 """Numbers of coefficients that OpenCV's model may have; ours has the first five."""
-_LENSES = ("", "plumb_bob", "rational_polynomial", "radtan")
+_LENSES = ("", "0", "pinhole", "plumb_bob", "rational_polynomial", "radtan")
+_LENS_KEYS = ("distortion_model", "camera_model", "fisheye_model")
+"""Where ROS and OpenCV say what lens it is; `fisheye_model` is 0 or 1."""
+_FAR_UP_M = 50.0
+"""A camera that is so far away was measured in another unit."""
 _MOST_ITEMS = 64
 """Of a list with a line for each; what is longer is not of a camera."""
 _KEY = re.compile(r"( *)([A-Za-z_][\w-]*) *:(?: +(.*))?")
@@ -100,6 +104,8 @@ def bring_in(paths: Sequence[Path], name: str | None, folder: Path) -> int:
             _say(f"camera {camera.id}: a lens only; vsense camera calibrate rig finds its place")
         elif camera.position_m[2] <= 0.0:
             _say(f"camera {camera.id}: is below the floor: z has to point up, and 0 be the floor")
+        elif (far_m := math.hypot(*camera.position_m)) > _FAR_UP_M:
+            _say(f"camera {camera.id}: is {far_m:.0f} m away: its translation has to be in m")
     # They have no pictures with them, and older ones are of other calibrations.
     keep(folder, names, {})
     print_data("\n".join(map(str, written)))
@@ -116,16 +122,17 @@ def send_out(cameras: Path, format: str, folder: Path) -> int:
     if format == "caliscope":
         written.append(_write(folder / "camera_array.toml", _caliscope(known)))
     else:
-        write = {"opencv": _opencv, "ros": _ros}[format]
         for name, camera in known.items():
-            written.append(_write(folder / f"{name}.{FORMATS[format]}", write(camera)))
+            text = _as_yaml(camera, format == "opencv")
+            written.append(_write(folder / f"{name}.{FORMATS[format]}", text))
     again = [foreign for path in written for foreign in read_foreign(path, None)]
     for camera, foreign in zip(known.values(), again):
         if format == "ros":
-            rotation, translation = _pose(camera)
-            posed = (rotation, translation)
-            foreign = Foreign(camera.id, foreign.size, foreign.matrix, foreign.distortion, posed)
-        _say(f"camera {camera.id}: {foreign.beside_px(camera):.4f} px at most beside its own file")
+            foreign = replace(foreign, pose=_pose(camera))
+        name = camera.id if foreign.id == camera.id else f"{camera.id} as {foreign.id}"
+        _say(f"camera {name}: {foreign.beside_px(camera):.4f} px at most beside its own file")
+        if camera.row_time_s:
+            _say(f"camera {camera.id}: row_time_s stays behind: {format} has none")
     if format == "ros":
         _say("camera_info has no poses: they go out as tf, with vsense export --rosbag")
     print_data("\n".join(map(str, written)))
@@ -160,13 +167,14 @@ def _of_toml(path: Path, text: str) -> list[Foreign]:
     for number, table in tables.items():
 
         def fail(words: str, name: str, number: str = number) -> ConfigError:
-            return file.error(f"{name}: {words}", "cameras", number, name)
+            return file.error(f"camera {number}: {name}: {words}", "cameras", number, name)
 
         if not isinstance(table, dict):
             raise fail("expected a table", number)
         if table.get("fisheye"):
             raise fail("a fisheye lens, expected OpenCV's usual model", "fisheye")
-        values = {key: value for key, value in table.items() if value is not None}
+        # rtoml writes None so.
+        values = {key: value for key, value in table.items() if value != "null"}
         cameras.append(_camera(f"cam_{number}", values, fail))
     if not cameras:
         raise ConfigError(str(path), 1, "expected caliscope's tables [cameras.0], [cameras.1], ...")
@@ -187,9 +195,9 @@ def _of_yaml(path: Path, text: str) -> Foreign:
         inside = next((line for key, line in lines.items() if key.startswith(f"{name}.")), 1)
         return ConfigError(str(path), lines.get(name, inside), f"{name}: {words}")
 
-    lens = found.get("distortion_model", "").strip("\"'")
-    if lens not in _LENSES or "fisheye" in found.get("model", ""):
-        raise fail(f"{lens!r}, expected plumb_bob: OpenCV's usual model", "distortion_model")
+    for key in _LENS_KEYS:
+        if (lens := found.get(key, "").strip("\"'")) not in _LENSES:
+            raise fail(f"{lens!r}, expected plumb_bob: OpenCV's usual model", key)
     names = {
         "matrix": "camera_matrix.data",
         "distortions": "distortion_coefficients.data",
@@ -197,7 +205,7 @@ def _of_yaml(path: Path, text: str) -> Foreign:
         "translation": "translation.data",
     }
     values: dict[str, Any] = {
-        "size": [found.get("image_width", ""), found.get("image_height", "")],
+        "size": [found[key] for key in ("image_width", "image_height") if key in found] or None,
         **{name: found[key].strip("[] ").split(",") for name, key in names.items() if key in found},
     }
     said = {"size": "image_width", **{name: key.split(".")[0] for name, key in names.items()}}
@@ -230,7 +238,8 @@ def _yaml(path: Path, text: str, lines: dict[str, int]) -> dict[str, str]:
             lines.setdefault(key, number)
             parts = [value]
         else:
-            raise ConfigError(str(path), number, f"{line[:40]!r}: expected 'name: value'")
+            words = f"{line[:40]!r}: expected 'name: value', YAML of OpenCV's or ROS's"
+            raise ConfigError(str(path), number, words)
         if not parts[0].startswith("[") or "]" in line:
             found[key], parts = "".join(parts), []
     if parts:
@@ -305,40 +314,26 @@ def _matrix(camera: Camera) -> list[float]:
     return [camera.fx_px, 0.0, camera.cx_px, 0.0, camera.fy_px, camera.cy_px, 0.0, 0.0, 1.0]
 
 
-def _opencv(camera: Camera) -> str:
-    rotation, translation = _pose(camera)
-    parts = {
-        "camera_matrix": (3, _matrix(camera)),
-        "distortion_coefficients": (5, list(camera.distortion)),
-        "rotation": (3, rotation.ravel().tolist()),
-        "translation": (3, translation.tolist()),
-    }
+def _as_yaml(camera: Camera, opencv: bool) -> str:
+    """OpenCV's YAML has tags and poses; ROS's has the pictures' rectification: none."""
+    matrix, (rotation, translation) = _matrix(camera), _pose(camera)
+    parts = {"camera_matrix": (3, matrix), "distortion_coefficients": (1, list(camera.distortion))}
+    if opencv:
+        head, tag, kind = "%YAML:1.0\n---\n", " !!opencv-matrix", "   dt: d\n"
+        parts["rotation"] = 3, rotation.ravel().tolist()
+        parts["translation"] = 3, translation.tolist()
+    else:
+        head = tag = kind = ""
+        parts["rectification_matrix"] = 3, np.eye(3).ravel().tolist()
+        parts["projection_matrix"] = 3, [*matrix[:3], 0.0, *matrix[3:6], 0.0, *matrix[6:], 0.0]
     matrices = [
-        f"{name}: !!opencv-matrix\n   rows: {rows}\n   cols: {len(data) // rows}\n   dt: d\n"
+        f"{name}:{tag}\n   rows: {rows}\n   cols: {len(data) // rows}\n{kind}"
         f"   data: {json.dumps(data)}\n"
         for name, (rows, data) in parts.items()
     ]
     size = f"image_width: {camera.width_px}\nimage_height: {camera.height_px}\n"
-    return f'%YAML:1.0\n---\ncamera_name: "{camera.id}"\n{size}' + "".join(matrices)
-
-
-def _ros(camera: Camera) -> str:
-    straight = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
-    matrix = _matrix(camera)
-    projection = [*matrix[:3], 0.0, *matrix[3:6], 0.0, *matrix[6:], 0.0]
-    parts = {
-        "camera_matrix": (3, matrix),
-        "distortion_coefficients": (1, list(camera.distortion)),
-        "rectification_matrix": (3, straight),
-        "projection_matrix": (3, projection),
-    }
-    matrices = {
-        name: f"{name}:\n  rows: {rows}\n  cols: {len(data) // rows}\n  data: {json.dumps(data)}\n"
-        for name, (rows, data) in parts.items()
-    }
-    size = f"image_width: {camera.width_px}\nimage_height: {camera.height_px}\n"
-    head = f"{size}camera_name: {camera.id}\n{matrices.pop('camera_matrix')}"
-    return f"{head}distortion_model: plumb_bob\n" + "".join(matrices.values())
+    name = f'camera_name: "{camera.id}"\ndistortion_model: plumb_bob\n'
+    return head + size + name + "".join(matrices)
 
 
 def _caliscope(cameras: Mapping[str, Camera]) -> str:

@@ -37,7 +37,7 @@ from vsense.vision.tracking._node_rows import (
 )
 from vsense.vision.tracking._prediction import MarkerSearch, Prediction
 from vsense.vision.tracking._rows import is_in
-from vsense.vision.tracking.node_session import answer_of, ask, node_key, put
+from vsense.vision.tracking.node_session import NodeRefusal, answer_of, ask, hear, node_key, put
 from vsense.vision.tracking.recorded_tracker import Description, seen_by
 
 CONNECT_S = 2.0
@@ -64,10 +64,13 @@ def families_of(searches: Sequence[MarkerSearch]) -> list[str]:
 
 
 class NodeClock:
-    """How far a node's clock is ahead, with its bound: the estimator of the robots' link."""
+    """How far a node's clock is ahead, with its bound: the estimator of the robots' link.
+
+    Zenoh's threads and the tracker's use it.
+    """
 
     def __init__(self) -> None:
-        self._clock = ffi.new("struct vs_clock *")
+        self._clock, self._busy = ffi.new("struct vs_clock *"), threading.Lock()
         lib.vs_clock_init(self._clock, 0)
 
     def sample(self, seen: SeenRows, now_ns: int) -> None:
@@ -75,14 +78,15 @@ class NodeClock:
         held_us = max(seen.held_ns, 0) // 1000
         if seen.echo_ns > 0 and held_us < 1 << 32 and seen.sent_ns > 0:
             # One that claims what cannot be is no sample, and that is all.
-            lib.vs_clock_sample(self._clock, seen.echo_ns, seen.sent_ns, held_us, now_ns)
+            with self._busy:
+                lib.vs_clock_sample(self._clock, seen.echo_ns, seen.sent_ns, held_us, now_ns)
 
     def estimate(self, now_ns: int) -> tuple[int, int] | None:
         """Returns the node's clock minus the tracker's, and its error's bound [ns]; None: none."""
         offset, bound = ffi.new("int64_t *"), ffi.new("uint64_t *")
-        if lib.vs_clock_estimate(self._clock, now_ns, offset, bound) < 0:
-            return None
-        return int(offset[0]), int(bound[0])
+        with self._busy:
+            known = lib.vs_clock_estimate(self._clock, now_ns, offset, bound) >= 0
+        return (int(offset[0]), int(bound[0])) if known else None
 
 
 class Arrived(NamedTuple):
@@ -132,7 +136,7 @@ class NodeLink:
         self.session = self.number = 0
         self._zenoh, self._data, self._grabbers = session, data, list(grabbers)
         self._now, self._quickest_ns = clock, quickest_ns
-        self._tracker = secrets.randbits(56)
+        self._tracker, self._here = secrets.randbits(56), set[str]()
         self._newest_rows, self.heard_ns, self._asked_ns = -1, 0, 0
         self._connecting, self._news = threading.Lock(), threading.Condition()
         self._arrived = dict[int, Arrived]()
@@ -141,10 +145,20 @@ class NodeLink:
         self._delays_ns = deque[int](maxlen=_DELAYS)
         self.key = partial(node_key, arena, name)
         self._heard = [
-            session.declare_subscriber(self.key("rows"), self._take_rows),
-            session.declare_subscriber(self.key("events"), self._take_events),
-            session.declare_subscriber(self.key("preview/*"), self._take_preview),
+            hear(session, self.key("rows"), self._take_rows),
+            hear(session, self.key("events"), self._take_events),
+            hear(session, self.key("preview/*"), self._take_preview),
         ]
+
+    def meet(self, id: str, is_here: bool) -> None:
+        """Takes note that a node of this name is there, or is not any more."""
+        self._here = self._here | {id} if is_here else self._here - {id}
+
+    def check_name(self) -> None:
+        """Raises NodeRefusal where several nodes have the name: each has cameras of its own."""
+        if len(self._here) > 1:
+            words = f"{len(self._here)} nodes are called {self.name}"
+            raise NodeRefusal(f"{words}, expected one: give each its own --name")
 
     def connect(self) -> dict[str, Any]:
         """Has the node look at its pictures for this tracker; returns what it answers.
@@ -157,6 +171,7 @@ class NodeLink:
                 return {}
             if now_ns - self._asked_ns < AGAIN_NS:
                 raise VsenseError(f"node {self.name} does not answer")
+            self.check_name()
             self._asked_ns = now_ns
             session = secrets.randbits(56)
             setup = {
@@ -286,13 +301,15 @@ class NodeLink:
         now_ns, data = self._now(), sample.payload.to_bytes()
         self.counts["messages"] += 1
         self.counts["bytes from it"] += len(data)
-        try:
-            self._accept(decode_rows(data, self.session, self.cameras), now_ns)
-        except NodeError as error:
-            self._refuse(str(error))
+        # A stranger's rows come by another thread than the node's.
+        with self._news:
+            try:
+                self._accept(decode_rows(data, self.session, self.cameras), now_ns)
+            except NodeError as error:
+                self._refuse(str(error))
 
     def _accept(self, seen: SeenRows, now_ns: int) -> None:
-        """Takes rows whose numbers and times can be; raises NodeError for others."""
+        """Takes rows whose numbers and times can be; NodeError: others. `_news` is held."""
         if seen.number <= self._newest_rows:
             raise NodeError("rows that came before")
         self.clock.sample(seen, now_ns)
@@ -305,13 +322,10 @@ class NodeLink:
                 picture.camera: self._dated(picture.capture_ns - offset_ns, bound_ns, now_ns)
                 for picture in seen.pictures
             }
-            with self._news:
-                for picture in seen.pictures:
-                    capture_ns, late_ns = arrived[picture.camera]
-                    self._arrived[picture.camera] = Arrived(
-                        capture_ns, now_ns, picture.found, late_ns
-                    )
-                self._news.notify_all()
+            for picture in seen.pictures:
+                capture_ns, late_ns = arrived[picture.camera]
+                self._arrived[picture.camera] = Arrived(capture_ns, now_ns, picture.found, late_ns)
+            self._news.notify_all()
         self._newest_rows, self.heard_ns = seen.number, now_ns
 
     def _dated(self, capture_ns: int, bound_ns: int, now_ns: int) -> tuple[int, int]:
@@ -329,21 +343,21 @@ class NodeLink:
     def _take_events(self, sample: Any) -> None:
         try:
             session, rows = parse_json(sample.payload.to_bytes().decode())
-            if session != self.session:
+            if session != self.session or not session:
                 raise ValueError("of another session")
             for camera, kind, text in rows[:_MOST_EVENTS]:
                 if kind not in EVENT_KINDS.split():
                     raise ValueError("of a kind that no node has")
                 self._note(self.cameras[int(camera)].id, str(kind), str(text)[:_MOST_TEXT])
-        except (ValueError, TypeError, IndexError):
+        except (ValueError, TypeError, LookupError):
             self._refuse("an event that none of its cameras has")
 
     def _take_preview(self, sample: Any) -> None:
         number = str(sample.key_expr).rpartition("/")[2]
-        if not (number.isdecimal() and int(number[:4]) < len(self.cameras)):
+        if number in map(str, range(len(self.cameras))):
+            self.show(int(number), sample.payload.to_bytes())
+        else:
             self._refuse("a preview of a camera that it does not have")
-            return
-        self.show(int(number), sample.payload.to_bytes())
 
     def _refuse(self, reason: str) -> None:
         self.counts["refused"] += 1

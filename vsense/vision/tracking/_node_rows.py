@@ -32,7 +32,7 @@ _MAGIC, _EXPECT, _ROWS = b"vsnd", 1, 2
 _HEAD = struct.Struct("<4sHHQQqqq4H")
 """Magic, format, kind, session, number, when it was sent; two times, four counts of the kind's."""
 _GONE = (None, False, True)
-_PICTURE = struct.Struct("<HBqqHH")
+_PICTURE = struct.Struct("<HBqHH")
 _TURN = np.dtype([("camera", "<u2"), ("turn", "<u4"), ("place", "<i4")])
 _JOINED = np.dtype([("family", "<u2"), ("tag", "<i4"), ("height_m", "<f8")])
 _KNOWN = np.dtype([*KNOWN.newbyteorder("<").descr, ("height_m", "<f8")])
@@ -76,12 +76,11 @@ class Expectation(NamedTuple):
 class SeenPicture(NamedTuple):
     """What a node has found in a picture of a camera, known by its number in the session.
 
-    `capture_ns` and `ready_ns` are the `Frame`'s, by the node's clock.
+    `capture_ns` is the `Frame`'s, by the node's clock.
     """
 
     camera: int
     capture_ns: int
-    ready_ns: int
     found: Found
 
 
@@ -142,9 +141,9 @@ def encode_rows(it: SeenRows) -> bytes:
     """Returns the message."""
     head = it.session, it.number, it.sent_ns, it.echo_ns, it.held_ns
     parts = [_HEAD.pack(_MAGIC, NODE_FORMAT, _ROWS, *head, len(it.pictures), 0, 0, 0)]
-    for camera, capture_ns, ready_ns, (rows, full, unlisted) in it.pictures:
+    for camera, capture_ns, (rows, full, unlisted) in it.pictures:
         sizes = len(rows), len(unlisted)
-        parts.append(_PICTURE.pack(camera, full, capture_ns, ready_ns, *sizes))
+        parts.append(_PICTURE.pack(camera, full, capture_ns, *sizes))
         parts += [rows.astype(_DETECTION).tobytes(), unlisted.tobytes()]
     return b"".join(parts)
 
@@ -159,7 +158,7 @@ def decode_rows(data: bytes, session: int, cameras: Sequence[Camera]) -> SeenRow
     for _ in range(count):
         if len(data) < place + _PICTURE.size:
             raise NodeError("a message that is shorter than it says")
-        camera, full, capture_ns, ready_ns, *sizes = _PICTURE.unpack_from(data, place)
+        camera, full, capture_ns, *sizes = _PICTURE.unpack_from(data, place)
         if camera >= len(cameras) or camera in pictures:
             raise NodeError("rows of a camera that the node does not have, or of one twice")
         found, place = _cut(data, place + _PICTURE.size, _DETECTION, sizes[0])
@@ -167,7 +166,7 @@ def decode_rows(data: bytes, session: int, cameras: Sequence[Camera]) -> SeenRow
         rows = found.astype(DETECTION)
         _check(rows, unlisted, cameras[camera])
         seen = Found(rows, bool(full), unlisted.copy())
-        pictures[camera] = SeenPicture(camera, capture_ns, ready_ns, seen)
+        pictures[camera] = SeenPicture(camera, capture_ns, seen)
     if place != len(data):
         raise NodeError("rows that do not end where they say")
     return SeenRows(session, number, sent_ns, echo_ns, held_ns, list(pictures.values()))

@@ -43,6 +43,8 @@ from vsense.vision.tracking.specs import CameraTrackerSpec, GrabberSpec, Trackin
 
 ANSWER_S = 10.0
 """A node has this time to come at the start, and to answer a question about a recording."""
+REFUSED_S = 2.5
+"""A node keeps a tracker for less."""
 _ASK_AGAIN_S, _ASKED_AGAIN = 0.4, 4
 
 
@@ -75,7 +77,8 @@ class Nodes:
         if session.record.record_image:
             text = "<experiment_record> record_image: pictures of nodes' cameras stay there"
             raise session.error(session.record.line, text)
-        self._zenoh, self._say = open_network(network), say
+        mode = "peer" if network.listen else "client"
+        self._zenoh, self._say = open_network(network, mode), say
         self.links: dict[str, NodeLink] = {}
         self._places: dict[str, tuple[NodeLink, int]] = {}
         for name, group in views.items():
@@ -91,8 +94,7 @@ class Nodes:
                 *where, *about, clock, partial(self._quickest_ns, name)
             )
             self._places.update((id, (link, number)) for number, id in enumerate(ids))
-        here = node_key(network.arena, "*", "here")
-        lively = self._zenoh.liveliness()
+        here, lively = node_key(network.arena, "*", "here/*"), self._zenoh.liveliness()
         self._strangers = lively.declare_subscriber(here, self._greet, history=True)
 
     def place_of(self, camera: str) -> tuple[NodeLink, int]:
@@ -140,15 +142,14 @@ class Nodes:
             self._zenoh.close()
 
     def _await(self, link: NodeLink) -> dict[str, Any]:
-        """Asks a node until it answers."""
-        until_ns = self._clock() + round(1e9 * ANSWER_S)
+        """Asks a node until it answers; one may still serve a tracker that was killed."""
+        begin_ns = self._clock()
         while True:
             try:
                 return link.connect()
-            except NodeRefusal:
-                raise
-            except VsenseError:
-                if self._clock() > until_ns:
+            except VsenseError as error:
+                patience_s = REFUSED_S if isinstance(error, NodeRefusal) else ANSWER_S
+                if self._clock() > begin_ns + 1e9 * patience_s:
                     raise
                 self._ended.wait(_ASK_AGAIN_S)
 
@@ -159,9 +160,16 @@ class Nodes:
         return min((delay_ns for delay_ns in known if delay_ns is not None), default=OLD_NS)
 
     def _greet(self, sample: Any) -> None:
-        """Tells of nodes that nobody has listed."""
-        name = str(sample.key_expr).split("/")[2]
-        if name not in self.links and str(sample.kind).endswith("PUT"):
+        """Tells of nodes that nobody has listed, and of those of one name."""
+        _, _, name, _, id = str(sample.key_expr).split("/")
+        is_here, link = str(sample.kind).endswith("PUT"), self.links.get(name)
+        if link is not None:
+            link.meet(id, is_here)
+            try:
+                link.check_name()
+            except NodeRefusal as error:
+                self._say(str(error))
+        elif is_here:
             self._say(f"node {name} is there, and no <grabber> names it: nothing of it is taken")
 
 

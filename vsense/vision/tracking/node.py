@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import queue
+import secrets
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
@@ -30,6 +31,7 @@ from vsense.vision.cameras.picture import Image, PictureError
 from vsense.vision.tracking._detector import CameraDetectors
 from vsense.vision.tracking._node_link import EVENT_KINDS, families_of
 from vsense.vision.tracking._node_rows import (
+    MOST_ROWS,
     NODE_FORMAT,
     Expectation,
     NodeError,
@@ -43,19 +45,21 @@ from vsense.vision.tracking._workers import Picture, Workers
 from vsense.vision.tracking.camera_tracking import CHECK_NS
 from vsense.vision.tracking.node_session import (
     NodeNetwork,
+    answer_by,
+    hear,
     is_connected,
     node_key,
     open_network,
     put,
     refuse,
     reply,
+    wait_in,
 )
 from vsense.vision.tracking.opening import live_grabber, open_recording
 from vsense.vision.tracking.recorded_tracker import seen_by
 from vsense.vision.tracking.specs import Resources
 
-POLL_S = 0.2
-REACH_NS = 2_000_000_000
+POLL_S, REACH_NS = 0.2, 2_000_000_000
 HOLD_NS = 2_000_000_000
 """A tracker that was heard so lately keeps its node."""
 IDLE_NS = 30_000_000_000
@@ -97,6 +101,8 @@ class NodeService:
         self._reading = [threading.Lock() for _ in self.cameras]
         self._checked_ns = -CHECK_NS
         heights_m = {tag: h for search in searches for tag, h in search.heights_m.items()}
+        if len(heights_m) > MOST_ROWS:
+            raise NodeError(f"{len(heights_m)} tags, expected at most {MOST_ROWS}")
         self._workers, self._health = Workers(2), Health(self.cameras, heights_m)
         sees = {c.id: search for c, search in zip(self.cameras, searches, strict=True)}
         self._detector = CameraDetectors(sees, self._prediction, self._workers)
@@ -110,8 +116,8 @@ class NodeService:
             if id not in known:
                 raise VsenseError(f"has no <grabber> {id!r}; {instead(id, known)}")
             if known[id].node or known[id].is_live != live:
-                there, wanted = ("recording", "camera")[:: -1 if known[id].is_live else 1]
-                raise VsenseError(f"{id!r} is a {there} here, expected a {wanted}")
+                wanted = "camera" if live else "recording"
+                raise VsenseError(f"{id!r} has type {known[id].type} here, expected a {wanted}")
             specs.append(known[id])
         if live:
             grabbers = dict(zip(self.numbers, specs, strict=True))
@@ -150,9 +156,9 @@ class NodeService:
 
     def preview(self, image: Image) -> bytes:
         """Returns a coarse JPEG of a picture (h, w)."""
-        height, width = image.shape
-        size = PREVIEW_PX, max(round(height * PREVIEW_PX / width), 1)
-        small = cv2.resize(image, size, interpolation=cv2.INTER_AREA) if width > size[0] else image
+        scale = PREVIEW_PX / image.shape[1]
+        size = PREVIEW_PX, max(round(image.shape[0] * scale), 1)
+        small = cv2.resize(image, size, interpolation=cv2.INTER_AREA) if scale < 1.0 else image
         return cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1].tobytes()
 
     def take(self, expectation: Expectation) -> None:
@@ -190,9 +196,8 @@ class NodeService:
         heights_m = dict(zip(tags, expectation.heights_m.tolist(), strict=True))
         for number, (turn, _) in expectation.turns.items():
             prediction.turns[self.cameras[number].id] = turn
-        joined: dict[str, tuple[int, ...]] = {}
+        joined = dict.fromkeys(self._families, tuple[int, ...]())
         for number, tag, _ in expectation.joined:
-            joined.setdefault(self._families[number], ())
             joined[self._families[number]] += (tag,)
         prediction.adopt(
             expectation.known, heights_m, expectation.is_key_frame, expectation.gone, joined
@@ -240,18 +245,19 @@ class CameraNode:
         self._resources, self._clock, self._say = resources, clock, say
         self._key = partial(node_key, network.arena, name)
         self._service: NodeService | None = None
-        self._queries = queue.SimpleQueue[Any]()
+        self._queries = queue.Queue[Any](_READERS)
         self._number, self._refused, self._previewed_ns = 0, 0, -PREVIEW_NS
         self._readers = ThreadPoolExecutor(_READERS, "reading")
         self._looking = ThreadPoolExecutor(1, "looking")
+        read, look = partial(self._answer, self._read), partial(self._answer, self._look)
         self._zenoh = session = open_network(network)
         self._declared = [
-            session.declare_queryable(self._key("open"), self._queries.put),
-            session.declare_queryable(self._key("read"), self._submit(self._readers, self._read)),
-            session.declare_queryable(self._key("detect"), self._submit(self._looking, self._look)),
-            session.declare_subscriber(self._key("expect"), self._expect),
-            session.declare_subscriber(self._key("leave"), self._leave),
-            session.liveliness().declare_token(self._key("here")),
+            session.declare_queryable(self._key("open"), partial(wait_in, self._queries)),
+            session.declare_queryable(self._key("read"), answer_by(self._readers, read)),
+            session.declare_queryable(self._key("detect"), answer_by(self._looking, look)),
+            hear(session, self._key("expect"), self._expect),
+            hear(session, self._key("leave"), self._leave),
+            session.liveliness().declare_token(self._key(f"here/{secrets.token_hex(8)}")),
         ]
 
     def run(self, ended: threading.Event) -> None:
@@ -292,8 +298,7 @@ class CameraNode:
             if present is None or not present.goes_on(setup):
                 self._drop()
                 present = self._service = NodeService(setup, self._resources, self._clock)
-                names = ", ".join(camera.id for camera in present.cameras)
-                self._say(f"looks for a tracker: {names}")
+                self._say(f"looks for a tracker: {', '.join(present.numbers)}")
         except VsenseError as error:
             refuse(query, str(error))
             return
@@ -303,9 +308,9 @@ class CameraNode:
         reply(query, present.answer())
 
     def _drop(self) -> None:
-        if self._service is not None:
-            self._service.close()
-        self._service = None
+        service, self._service = self._service, None
+        if service is not None:
+            service.close()
 
     def _serve(self, service: NodeService) -> None:
         """Waits for a timestep's pictures, looks at them and says what is there."""
@@ -330,7 +335,7 @@ class CameraNode:
         self, service: NodeService, number: int, frames: Sequence[Frame], found: Sequence[Found]
     ) -> bytes:
         pictures = [
-            SeenPicture(service.numbers[f.camera], f.capture_ns, f.ready_ns, seen)
+            SeenPicture(service.numbers[f.camera], f.capture_ns, seen)
             for f, seen in zip(frames, found, strict=True)
         ]
         now_ns, newest = self._clock(), service.newest
@@ -360,26 +365,20 @@ class CameraNode:
         if service is not None and sample.payload.to_bytes() == str(service.session).encode():
             service.heard_ns -= IDLE_NS
 
-    def _submit(
-        self, threads: ThreadPoolExecutor, work: Callable[[NodeService, bytes], bytes]
-    ) -> Callable[[Any], object]:
-        """Returns what has threads answer questions of the tracker that is served."""
-
-        def answer(query: Any) -> None:
-            service = self._service
-            try:
-                if service is None:
-                    raise VsenseError("serves no tracker")
-                service.heard_ns = self._clock()
-                data = work(service, query.payload.to_bytes())
-            except VsenseError as error:
-                refuse(query, str(error))
-            except (KeyError, TypeError, ValueError, IndexError) as error:
-                refuse(query, f"asked for what it does not have: {error!r}")
-            else:
-                reply(query, data)
-
-        return lambda query: threads.submit(answer, query)
+    def _answer(self, work: Callable[[NodeService, bytes], bytes], query: Any) -> None:
+        """Answers a question of the tracker that is served; a thread of its own."""
+        service = self._service
+        try:
+            if service is None:
+                raise VsenseError("serves no tracker")
+            data = work(service, query.payload.to_bytes())
+            service.heard_ns = self._clock()
+        except VsenseError as error:
+            refuse(query, str(error))
+        except (KeyError, TypeError, ValueError, IndexError) as error:
+            refuse(query, f"asked for what it does not have: {error!r}")
+        else:
+            reply(query, data)
 
     def _read(self, service: NodeService, question: bytes) -> bytes:
         session, number, place = map(int, parse_json(question.decode()))

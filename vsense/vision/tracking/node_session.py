@@ -11,9 +11,12 @@ it says `rows`, `events` and `preview`.
 from __future__ import annotations
 
 import json
+import queue
 import re
 import resource
 import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,8 +30,11 @@ NEEDED_BYTES = 640 << 20
 """Of addresses: Zenoh's threads reserve them, and use a fortieth part."""
 LEASE_MS = 1000
 """A connection that is silent for so long is over, and made again."""
-OPENING_MS, RETRY_MS = 750, 100
-"""An attempt to connect is given up, and made again: the system's own attempts grow rarer."""
+OPENING_MS, RETRY_MS, ROUTER_MS = 750, 100, 5000
+"""An attempt to connect is given up, and made again: the system's own attempts grow rarer. A
+router has to be there within the last."""
+MOST_WAITING = 64
+"""Questions at a node: more than a tracker has cameras there."""
 
 _ENDPOINT = re.compile(r"(tcp|tls|quic|udp)/(\S+):(\d{1,5})")
 NODE_NAME = re.compile(r"[A-Za-z0-9_.-]{1,64}")
@@ -73,14 +79,18 @@ class NodeNetwork:
     arena: str = "arena"
 
 
-def open_network(network: NodeNetwork) -> Any:
-    """Opens a session of Zenoh's; raises UsageError or VsenseError, which say what is wrong."""
+def open_network(network: NodeNetwork, mode: str = "peer") -> Any:
+    """Opens a session of Zenoh's; raises UsageError or VsenseError, which say what is wrong.
+
+    A "peer" listens, or waits for whom it connects to; a "client" has its router, or raises. A
+    router passes on what one of either says to the other, and nothing between two peers.
+    """
     require_zenoh()
     try:
         import zenoh
     except ImportError as error:
         raise VsenseError(f"Zenoh cannot be loaded: {error}") from None
-    config = _config(zenoh, network)
+    config = _config(zenoh, network, mode)
     where = ", ".join((*network.listen, *network.connect))
     if (left := _memory_left()) < NEEDED_BYTES:
         raise VsenseError(
@@ -117,7 +127,7 @@ def _memory_left() -> int:
     return max(most - pages * resource.getpagesize(), 0)
 
 
-def _config(zenoh: Any, network: NodeNetwork) -> Any:
+def _config(zenoh: Any, network: NodeNetwork, mode: str) -> Any:
     """Returns Zenoh's configuration: the file's, and on top of it what vsense needs."""
     try:
         config = zenoh.Config()
@@ -126,8 +136,15 @@ def _config(zenoh: Any, network: NodeNetwork) -> Any:
     except Exception as error:
         text = f"{network.config}: no configuration of Zenoh's: {_reason(error)}"
         raise UsageError(text) from None
+    # Zenoh tries for ever, and does not say that one is missing.
+    for name, file in json.loads(config.get_json("transport/link/tls")).items():
+        try:
+            if name.endswith(("_certificate", "_private_key")) and file is not None:
+                Path(file).read_bytes()
+        except OSError as error:
+            raise UsageError(f"{network.config}: {name}: {file}: {error.strerror}") from None
     settings: dict[str, object] = {
-        "mode": "peer",
+        "mode": mode,
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "scouting/delay": 0,
@@ -140,7 +157,8 @@ def _config(zenoh: Any, network: NodeNetwork) -> Any:
     if network.connect:
         retry = {"period_init_ms": RETRY_MS, "period_max_ms": RETRY_MS}
         settings["connect/retry"] = {**retry, "period_increase_factor": 1.0}
-        settings |= {"connect/timeout_ms": -1, "connect/exit_on_failure": False}
+        timeout_ms = ROUTER_MS if mode == "client" else -1
+        settings |= {"connect/timeout_ms": timeout_ms, "connect/exit_on_failure": False}
     try:
         for path, value in settings.items():
             config.insert_json5(path, json.dumps(value))
@@ -151,7 +169,8 @@ def _config(zenoh: Any, network: NodeNetwork) -> Any:
 
 def _reason(error: BaseException) -> str:
     """The first words of what Zenoh says, without where in its sources that was."""
-    return re.sub(r"\s*\bat /\S+", "", str(error)).strip().rstrip(".]") or type(error).__name__
+    words = " ".join(re.sub(r"\s*\bat /\S+", "", str(error)).split())
+    return words.rstrip(".]") or type(error).__name__
 
 
 def put(session: Any, key: str, data: bytes, urgent: bool = True) -> None:
@@ -194,6 +213,45 @@ def answer_of(replies: Any, node: str) -> bytes:
     except Exception as error:
         raise VsenseError(f"node {node}: {_reason(error)}") from None
     raise VsenseError(f"node {node} is not there: is `vsense camera node` running?")
+
+
+def hear(session: Any, key: str, take: Callable[[Any], object]) -> Any:
+    """Has what is said under a key be taken where it comes, by a thread of Zenoh's.
+
+    What comes too fast waits at its sender: Zenoh's own queue in between has no end.
+    """
+    import zenoh
+
+    return session.declare_subscriber(key, zenoh.handlers.Callback(take, indirect=False))
+
+
+def wait_in(questions: queue.Queue[Any], query: Any) -> None:
+    """Has a question wait, or refuses it where too many do."""
+    try:
+        questions.put_nowait(query)
+    except queue.Full:
+        refuse(query, "is asked too much at once")
+
+
+def answer_by(
+    threads: ThreadPoolExecutor, answer: Callable[[Any], object]
+) -> Callable[[Any], None]:
+    """Returns what has threads answer questions, of which a few may wait; others are refused."""
+    free = threading.BoundedSemaphore(MOST_WAITING)
+
+    def work(query: Any) -> None:
+        try:
+            answer(query)
+        finally:
+            free.release()
+
+    def take(query: Any) -> None:
+        if free.acquire(blocking=False):
+            threads.submit(work, query)
+        else:
+            refuse(query, "is asked too much at once")
+
+    return take
 
 
 def is_connected(session: Any) -> bool:

@@ -21,15 +21,20 @@ import socket
 import sys
 from collections.abc import Callable, Iterable, Mapping
 from itertools import count
-from typing import Any
+from typing import Any, NamedTuple
 
 from vsense.base.clock import host_ns
 
+ENDED = "ended: "
+"""A line that begins so says why it has."""
 SILENT_S = 3.0
 """Without a frame for so long the server is asked again."""
 STALE_NS = 500_000_000
 """A pose that repeats to the last bit for so long is no measurement: its body is not seen."""
 _MOST_NOTES = 8
+_FAR_M, _HIGH_M, _STEEP = 100.0, 1.0, 0.8
+"""What is farther off was told in mm. What looks steeper (a sine) has no heading on the floor; that
+and a body that is so high or low say that another axis points up."""
 
 Pose = tuple[float, float, float, float, float, float, float]
 """x, y, z [m] and the quaternion x, y, z, w of a rigid body."""
@@ -54,18 +59,32 @@ class RigidBodies:
 
     def robots(self, seen: Iterable[tuple[str, Pose]], now_ns: int) -> list[dict[str, Any]]:
         """The robots of a frame, as lines have them, in any order of the bodies."""
-        robots = []
+        robots = list[dict[str, Any]]()
         for name, pose in seen:
             if name not in self._tags:
                 self._note(name, "has no robot: left out")
             elif not all(map(math.isfinite, pose)) or not any(pose[3:]):
                 self._note(name, "has a pose that is no number: it counts as unseen")
             elif self._is_new(name, pose, now_ns):
-                x_m, y_m, yaw_rad = on_floor(pose, self._up)
-                robots.append({"tag": self._tags[name], "x_m": x_m, "y_m": y_m, "yaw_rad": yaw_rad})
+                self._place(name, on_floor(pose, self._up), robots)
             else:
                 self._note(name, f"repeats its pose for {STALE_NS / 1e9:g} s: it counts as unseen")
         return robots
+
+    def _place(self, name: str, place: Place, robots: list[dict[str, Any]]) -> None:
+        far_m = max(abs(place.x_m), abs(place.y_m))
+        if far_m > _FAR_M:
+            self._note(name, f"is {far_m:.0f} m away, expected metres: it counts as unseen")
+            return
+        if abs(place.height_m) > _HIGH_M:
+            self._note(
+                name, f"is {place.height_m:+.1f} m above the floor: is up={self._up!r} true?"
+            )
+        if abs(place.steepness) > _STEEP:
+            self._note(name, f"looks up or down: it counts as unseen; is up={self._up!r} true?")
+            return
+        row = {"tag": self._tags[name], "x_m": place.x_m, "y_m": place.y_m}
+        robots.append(row | {"yaw_rad": place.yaw_rad})
 
     def _is_new(self, name: str, pose: Pose, now_ns: int) -> bool:
         last, since_ns = self._last.get(name, (None, now_ns))
@@ -81,8 +100,18 @@ class RigidBodies:
             self._say(text)
 
 
-def on_floor(pose: Pose, up: str) -> tuple[float, float, float]:
-    """Place [m] and heading [rad] in a frame whose z points up, of a body that looks along its x.
+class Place(NamedTuple):
+    """A body in a frame whose z points up; `steepness` is the sine of how far it looks upward."""
+
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    height_m: float
+    steepness: float
+
+
+def on_floor(pose: Pose, up: str) -> Place:
+    """Place and heading in a frame whose z points up, of a body that looks along its x.
 
     Where y points up, z points to the viewer, as Motive has it.
     """
@@ -92,8 +121,8 @@ def on_floor(pose: Pose, up: str) -> tuple[float, float, float]:
     ahead_y = 2.0 * (x * y + w * z) / length
     ahead_z = 2.0 * (x * z - w * y) / length
     if up == "y":
-        return x_m, -z_m, math.atan2(-ahead_z, ahead_x)
-    return x_m, y_m, math.atan2(ahead_y, ahead_x)
+        return Place(x_m, -z_m, math.atan2(-ahead_z, ahead_x), y_m, ahead_y)
+    return Place(x_m, y_m, math.atan2(ahead_y, ahead_x), z_m, ahead_z)
 
 
 def poses_of(bodies: Mapping[str, Any]) -> Iterable[tuple[str, Pose]]:
@@ -134,7 +163,7 @@ def main() -> int:
     except (BrokenPipeError, ConnectionError):
         return 0
     except Exception as error:  # whatever the library raises; it is told, and this process ends
-        say(str(error)[:200] or type(error).__name__)
+        say(ENDED + (str(error)[:200] or type(error).__name__))
     return 1
 
 

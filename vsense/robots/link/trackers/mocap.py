@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from vsense.base.arena import ArenaState
 from vsense.base.clock import host_ns
 from vsense.base.processes import Started, describe_exit, start_module
-from vsense.robots.link.trackers._mocap_process import SILENT_S
+from vsense.robots.link.trackers._mocap_process import ENDED, SILENT_S
 from vsense.robots.link.trackers.lines import ArenaListener
 
 _LOOK_NS = 300_000_000
@@ -73,7 +73,7 @@ class MocapListener(ArenaListener):
         }
         self._process: Started | None = None
         self._begin_ns = 0
-        self._said = self._words = ""
+        self._said = self._words = self._reason = ""
 
     def _check(self) -> None:
         """Starts the process where none runs, and hands on what it says."""
@@ -87,10 +87,13 @@ class MocapListener(ArenaListener):
         ended = process.poll() is not None
         self._words += (self._process[2].read() or b"").decode(errors="replace")
         *lines, self._words = self._words.split("\n")
-        for line in lines if not ended else lines[:-1]:
-            self._say(f"motion capture: {line}")
+        for line in lines:
+            if line.startswith(ENDED):
+                self._reason = line.removeprefix(ENDED)
+            else:
+                self._say(f"motion capture: {line}")
         if ended:
-            self._tell(lines[-1] if lines else _why(process.returncode))
+            self._tell(self._reason or _why(process.returncode))
             self._end_process()
             self._begin_ns = self._clock() + _AGAIN_NS
 
@@ -118,7 +121,7 @@ class MocapListener(ArenaListener):
         process.wait()
         stdin.close()
         stdout.close()
-        self._process, self._words = None, ""
+        self._process, self._words, self._reason = None, "", ""
 
 
 def _why(code: int) -> str:
