@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
+from xml.etree import ElementTree
 
 import cv2
 import numpy as np
 import pytest
 
-from tests.rigs.nodes import RunningNode, central_file, tracked
+from tests.rigs.nodes import PATIENCE_S, RunningNode, central_file, tracked
 from tests.rigs.processes import free_port
 from tests.vision.tracking.synthetic import Look, Robot, render
 from vsense.base.clock import host_ns
-from vsense.base.errors import ConfigError, UsageError, VsenseError
+from vsense.base.errors import ConfigError, NoMorePictures, UsageError, VsenseError
 from vsense.config import tracking_session
 from vsense.modes.live._sources import doubt_of_nodes
 from vsense.vision.cameras.camera import Camera
@@ -101,6 +102,27 @@ def test_a_recording_on_two_nodes_gives_every_bit_of_one_computer(files: Files) 
     assert states == expected and len(states) == TIMESTEPS
     assert max(len(state[5]) for state in states) == 1, "a robot has joined the roster"
     assert any("cut off" in line for line in told) and len(told) == 2 + len(expected_told)
+
+
+def test_coarse_pictures_are_not_recorded(files: Files) -> None:
+    resources, experiment = files(3)
+    where = f"tcp/127.0.0.1:{free_port()}"
+    central = central_file(resources, where, NODES, "node_recording")
+    own = ElementTree.parse(resources).findall("grabbers/grabber")[0]
+    tree = ElementTree.parse(central)
+    tree.findall("grabbers/grabber")[0].attrib = own.attrib
+    tree.write(central)
+    recorded, seen = set[str](), set[str]()
+    with ExitStack() as stack:
+        for name in NODES:
+            stack.callback(RunningNode(name, resources, where).stop)
+        tracking = open_tracking(tracking_session.load(central, experiment), host_ns, print)
+        stack.callback(tracking.close)
+        tracking.record = lambda frames: recorded.update(frame.camera for frame in frames)
+        with suppress(NoMorePictures):
+            while True:
+                seen |= {frame.camera for frame in tracking.next(PATIENCE_S)[1]}
+    assert recorded == {own.get("id")} and seen == {camera.id for camera in CAMERAS}
 
 
 def opened(resources: Path, experiment: Path) -> None:

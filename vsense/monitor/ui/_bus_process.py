@@ -131,6 +131,8 @@ class BusProcess:
                 heard: Heard = []
                 while self._link.poll():
                     heard.append(self._link.recv())
+                if reasons := [reason for kind, reason in heard if kind == "failed"]:
+                    raise VsenseError(reasons[0])
                 self._follow(messages, heard)
         except Exception as error:
             self._has_ended = True

@@ -144,11 +144,9 @@ class FoxgloveServer:
         if kind == "wants":
             self._owes = self._owes or not value <= self._wanted
             self._wanted = value
-        elif kind == "orders":
+        else:
             for name, number in value:
                 self._order(OrderKind(name), number)
-        else:
-            raise FoxgloveError(str(value))
 
     def _order(self, kind: OrderKind, value: float) -> None:
         if self._give is not None:

@@ -84,8 +84,8 @@ class Nodes:
         for name, group in views.items():
             ids = [view.camera.id for view in group]
             say(
-                f"pictures of {', '.join(ids)} stay at node {name}: here, and in recordings, they"
-                " are coarse"
+                f"pictures of {', '.join(ids)} stay at node {name}: here they are coarse, and not"
+                " recorded"
             )
             data = of_session(replace(session, views=tuple(group)))
             about = data, [view.grabber.source for view in group], session.is_live

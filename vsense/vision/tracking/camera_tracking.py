@@ -43,7 +43,8 @@ class CameraTracking:
     when the timestep's work is done.
 
     Attributes:
-        record: takes the pictures that the tracker is about to be given, in the thread of `next`.
+        record: takes the pictures that the tracker is about to be given, in the thread of `next`;
+            none of nodes' cameras, whose coarse ones may be a second older than what they show.
         troubles: what the cameras suffer from.
         nodes: other computers, which have some of the cameras; None: none has.
     """
@@ -79,8 +80,8 @@ class CameraTracking:
         self._references = references or ReferenceWatch({})
         for note in self._references.notes:
             say(note)
-        elsewhere = frozenset[str]() if nodes is None else nodes.cameras
-        self._health = Health(tracker.cameras, tracker.heights_m, elsewhere)
+        self._elsewhere = frozenset[str]() if nodes is None else nodes.cameras
+        self._health = Health(tracker.cameras, tracker.heights_m, self._elsewhere)
         self._markers = MarkerWatch(tracker.cameras, tracker.heights_m)
         # By camera. The thread of `next` puts in, `check_cameras` takes out.
         self._unchecked: dict[str, _Tracked] = {}
@@ -132,7 +133,7 @@ class CameraTracking:
             if nothing and self.troubles.counts:
                 raise VsenseError(f"{error}: {self._unusable()}") from None
             raise
-        self.record(frames)
+        self.record([frame for frame in frames if frame.camera not in self._elsewhere])
         if displaced := self._references.look(frames):
             with self._checking:
                 self._tell_events(displaced)
