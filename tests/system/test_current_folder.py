@@ -66,9 +66,26 @@ def vsense(folder: Path, line: str, module: bool = True) -> None:
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-def test_of_every_command_nothing_is_imported_from_there(command: str, folder: Path) -> None:
-    vsense(folder, f"{command} --help")
+EVERY_COMMAND = """
+import sys
+del sys.path[0]
+import contextlib, os, runpy
+
+for command in sys.argv[1:]:
+    sys.path.insert(0, "")
+    sys.argv = ["vsense", *command.split(), "--help"]
+    with contextlib.suppress(SystemExit):
+        runpy.run_module("vsense", run_name="__main__", alter_sys=True)
+    assert not {"", os.getcwd()} & {*sys.path}, command
+"""
+"""Does what `python -m vsense COMMAND --help` does, for one command after the other."""
+
+
+def test_of_every_command_nothing_is_imported_from_there(folder: Path) -> None:
+    done = run(folder, sys.executable, "-c", EVERY_COMMAND, *COMMANDS)
+    assert done.returncode == 0, done.stderr
+    for command in COMMANDS:
+        assert f"usage: vsense {command} " in done.stdout
 
 
 @pytest.mark.parametrize("module", MODULES)
