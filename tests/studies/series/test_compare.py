@@ -17,7 +17,6 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from scipy import stats
 
 import vsense
 from tests.rigs.places import ROOT
@@ -97,6 +96,8 @@ def test_the_boundary_is_crossed_by_a_twentieth_of_all_sequences() -> None:
 
 @pytest.mark.parametrize("freedom", [7, 11, 15, 399])
 def test_estimated_variances_widen_the_interval_as_students_t_does(freedom: int) -> None:
+    from scipy import stats  # takes a second, which nobody else waits for
+
     tail = stats.norm.sf(_sequential._BOUNDARY)
     assert _sequential._quantile(freedom) == pytest.approx(stats.t.isf(tail, freedom), rel=2e-3)
 
