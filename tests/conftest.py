@@ -50,14 +50,10 @@ a busy machine is a fault of cameras too."""
 
 
 LONG = (
-    "tests/packaging/",
-    "tests/robots/test_building.py",
-    "tests/robots/test_arm.py",
-    "tests/robots/test_cxx.py",
-    "tests/tools/camera_setup/test_fake_camera.py",
-    "tests/robots/test_c_suite.py",
-    "tests/monitor/ui/test_page.py",
-    "tests/monitor/ui/test_server.py",
+    *("tests/packaging/", "tests/tools/camera_setup/test_fake_camera.py"),
+    *(f"tests/robots/test_{name}.py" for name in ("argos_controllers", "building", "arm", "cxx")),
+    *("tests/robots/test_c_suite.py", "tests/modes/sim/test_cluster.py"),
+    *(f"tests/monitor/ui/test_{name}.py" for name in ("page", "server")),
     *(f"tests/system/test_{name}.py" for name in ("every_option", "first_day", "series")),
 )
 """Files of a few long tests: they begin first, so that no worker is left alone with one."""

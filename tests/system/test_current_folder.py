@@ -14,7 +14,7 @@ from vsense.base import processes
 from vsense.commands import COMMANDS
 from vsense.robots import boards
 
-pytestmark = [pytest.mark.system, pytest.mark.paced]
+pytestmark = [pytest.mark.system, pytest.mark.quick]
 
 ROOT = Path(__file__).parents[2]
 TRAPS = (
@@ -67,10 +67,7 @@ def vsense(folder: Path, line: str, module: bool = True) -> None:
 
 
 EVERY_COMMAND = """
-import sys
-del sys.path[0]
-import contextlib, os, runpy
-
+import sys; del sys.path[0]; import contextlib, os, runpy
 for command in sys.argv[1:]:
     sys.path.insert(0, "")
     sys.argv = ["vsense", *command.split(), "--help"]
@@ -107,7 +104,7 @@ LAB = ["lab phototaxis --duration 1 --robots 2 --port 0 --web 0 --foxglove 0 -o 
     [
         (SIMULATED, True),
         (SIMULATED, False),
-        (LAB, True),
+        pytest.param(LAB, True, marks=pytest.mark.paced),
         (["series plan.toml", "pack plan-sim -o plan.zip", "reproduce plan.zip -o again"], True),
         (["doctor --json", "docs experiments", "new mine"], True),
     ],
