@@ -81,8 +81,7 @@ for command in sys.argv[1:]:
 def test_of_every_command_nothing_is_imported_from_there(folder: Path) -> None:
     done = run(folder, sys.executable, "-c", EVERY_COMMAND, *COMMANDS)
     assert done.returncode == 0, done.stderr
-    for command in COMMANDS:
-        assert f"usage: vsense {command} " in done.stdout
+    assert all(f"usage: vsense {command} " in done.stdout for command in COMMANDS)
 
 
 @pytest.mark.parametrize("module", MODULES)
