@@ -122,10 +122,7 @@ USERS = build.cache_directory()
 
 
 def share_parts(cache: Path) -> None:
-    """Has a cache of builds use what all programs have in common from the user's, found there by
-    the name of all that went into it: a C library of one board takes the cross compiler half a
-    minute, and our own C takes a compiler ten seconds.
-    """
+    """Has a cache use the user's of what all programs share: a C library takes half a minute."""
     (cache / "vsense").mkdir(parents=True, exist_ok=True)
     for name in ("parts", "zig"):
         (USERS / name).mkdir(parents=True, exist_ok=True)
