@@ -9,6 +9,7 @@ import shutil
 import subprocess
 import time
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import NoReturn
 
@@ -49,14 +50,10 @@ a busy machine is a fault of cameras too."""
 
 
 LONG = (
-    "tests/packaging/",
-    "tests/robots/test_building.py",
-    "tests/robots/test_arm.py",
-    "tests/robots/test_cxx.py",
-    "tests/tools/camera_setup/test_fake_camera.py",
-    "tests/robots/test_c_suite.py",
-    "tests/monitor/ui/test_page.py",
-    "tests/monitor/ui/test_server.py",
+    *("tests/packaging/", "tests/tools/camera_setup/test_fake_camera.py"),
+    *(f"tests/robots/test_{name}.py" for name in ("argos_controllers", "building", "arm", "cxx")),
+    *("tests/robots/test_c_suite.py", "tests/modes/sim/test_cluster.py"),
+    *(f"tests/monitor/ui/test_{name}.py" for name in ("page", "server")),
     *(f"tests/system/test_{name}.py" for name in ("every_option", "first_day", "series")),
 )
 """Files of a few long tests: they begin first, so that no worker is left alone with one."""
@@ -121,16 +118,16 @@ def shared_folder(name: str, factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-CROSS_COMPILED = build.cache_directory() / "zig"
-"""The user's: a C library of one board takes the cross compiler half a minute."""
+USERS = build.cache_directory()
 
 
-def share_parts(cache: Path, factory: pytest.TempPathFactory) -> None:
-    """Has a new cache of builds use the parts that all tests of this session compile once."""
-    (cache / "vsense").mkdir(parents=True)
-    (cache / "vsense" / "parts").symlink_to(shared_folder("parts", factory))
-    CROSS_COMPILED.mkdir(parents=True, exist_ok=True)
-    (cache / "vsense" / "zig").symlink_to(CROSS_COMPILED)
+def share_parts(cache: Path) -> None:
+    """Has a cache use the user's of what all programs share: a C library takes half a minute."""
+    (cache / "vsense").mkdir(parents=True, exist_ok=True)
+    for name in ("parts", "zig"):
+        (USERS / name).mkdir(parents=True, exist_ok=True)
+        with suppress(FileExistsError):  # of this session's other workers, or files
+            (cache / "vsense" / name).symlink_to(USERS / name)
 
 
 def pytest_runtest_setup() -> None:
@@ -139,12 +136,10 @@ def pytest_runtest_setup() -> None:
 
 
 @pytest.fixture
-def own_cache(
-    tmp_path: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
-) -> Path:
+def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A cache of builds of the test's own: `$XDG_CACHE_HOME`."""
     cache = tmp_path / "cache"
-    share_parts(cache, tmp_path_factory)
+    share_parts(cache)
     monkeypatch.setenv("XDG_CACHE_HOME", str(cache))
     return cache
 
@@ -153,6 +148,7 @@ def own_cache(
 def shared_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """A cache of builds that all workers of this session have in common: `$XDG_CACHE_HOME`."""
     cache = shared_folder("builds", tmp_path_factory)
+    share_parts(cache)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(cache))
         yield cache

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from tests.conftest import require_tool, shared_folder
+from tests.conftest import require_tool
 from tests.rigs import compiling
 from tests.rigs.places import ROOT
 from tests.robots.rig import TABLE, Rig
@@ -40,12 +40,14 @@ def natively(monkeypatch: pytest.MonkeyPatch) -> None:
 class Builder:
     """Builds daemons under the sanitizers; what they have in common is compiled once.
 
-    Workers of one run share it: each of them would need most of the objects.
+    Workers and runs share it: each of them would need most of the objects.
     """
 
     def __init__(self, folder: Path) -> None:
-        """Compiles nothing yet; the objects go to a folder."""
+        """Compiles nothing yet; the objects go to a folder, and are used until a source changes."""
         self._folder = folder
+        folders = [ROOT / name for name in ("c_src", "robot", "firmware_bridge", "tests/c")]
+        self._changed_s = max(p.stat().st_mtime for f in folders for p in f.rglob("*.[ch]"))
 
     def __call__(
         self,
@@ -77,8 +79,9 @@ class Builder:
         made = [folder / f"{source.stem}.o" for source in sources]
         with open(folder / "lock", "w") as lock, ThreadPool() as pool:
             fcntl.flock(lock, fcntl.LOCK_EX)
-            missing = [pair for pair in zip(sources, made) if not pair[1].exists()]
-            pool.starmap(lambda source, target: _compile(source, target, flags), missing)
+            old = [o for o in made if not o.exists() or o.stat().st_mtime <= self._changed_s]
+            missing = [(source, o, flags) for source, o in zip(sources, made) if o in old]
+            pool.starmap(_compile, missing)
         return made
 
 
@@ -90,9 +93,9 @@ def _compile(source: Path, target: Path, flags: Sequence[str]) -> None:
 
 
 @pytest.fixture(scope="session")
-def build(tmp_path_factory: pytest.TempPathFactory) -> Builder:
+def build(pytestconfig: pytest.Config) -> Builder:
     """Builds daemons with controllers: see `Builder`."""
-    return Builder(shared_folder("objects", tmp_path_factory))
+    return Builder(pytestconfig.cache.mkdir("objects"))
 
 
 @pytest.fixture(scope="session")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import shutil
 import subprocess
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from tests.bench.robot import HERE as BENCH
-from tests.conftest import require_tool, require_zig, share_parts
+from tests.conftest import require_tool, require_zig
 from vsense.base.errors import ConfigError, UsageError
 from vsense.base.readings import SensorReadings
 from vsense.base.xml.parsing import NAMESPACE
@@ -43,14 +43,10 @@ ANGLES = [math.pi / np.float32(part) for part in RING]
 
 
 @pytest.fixture(scope="module", autouse=True)
-def cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def cache(shared_cache: Path) -> Path:
     """One cache for all: our part of the programs is compiled once."""
     require_tool("c++", "build-essential")
-    with pytest.MonkeyPatch.context() as patch:
-        folder = tmp_path_factory.mktemp("cache")
-        share_parts(folder, tmp_path_factory)
-        patch.setenv("XDG_CACHE_HOME", str(folder))
-        yield folder
+    return shared_cache
 
 
 @pytest.fixture(scope="module")

@@ -138,7 +138,7 @@ def test_a_build_that_is_there_is_found_without_a_compiler_until_a_file_or_folde
 
 @pytest.mark.usefixtures("instant")
 def test_other_flags_in_cc_make_a_new_build(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, instant: None
 ) -> None:
     own_controller(tmp_path)
     first = build.daemon("mine.c", tmp_path)
@@ -147,8 +147,9 @@ def test_other_flags_in_cc_make_a_new_build(
 
 
 def test_processes_that_need_the_same_build_make_it_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    (cache / "vsense" / "parts").unlink()  # nobody else has this compiler
     compiler, notes = counting_compiler(tmp_path)
     monkeypatch.setenv("CC", str(compiler))
     words = "import sys\nfrom vsense.robots import build\nsys.stdin.read()\nbuild.shared('prey')"
@@ -224,6 +225,7 @@ def test_ready_made_daemon_needs_no_compiler(
 def test_ctrl_c_reaches_no_compiler(tmp_path: Path, cache: Path) -> None:
     """Ctrl-C goes to the terminal's process group; who builds decides what it means."""
     own_controller(tmp_path)
+    (cache / "vsense" / "parts").unlink()  # nobody else has this compiler
     compiler = tmp_path / "slow-cc"
     started, go = tmp_path / "started", tmp_path / "go"
     os.mkfifo(started)

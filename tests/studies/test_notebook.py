@@ -12,9 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas
 import pytest
-from matplotlib.figure import Figure
 
 import vsense
 from tests.conftest import require_tool
@@ -173,6 +171,8 @@ def page() -> Iterator[Page]:
 
 def test_a_run_is_drawn_into_axes() -> None:
     run = vsense.load("foraging", robots=3, duration_s=4).simulate(1, "a")
+    from matplotlib.figure import Figure  # takes a second, which nobody else waits for
+
     axes = Figure().subplots()
     run.draw(axes, until_s=2, color="red")
     assert axes.images[0].get_extent() == pytest.approx([-1.5, 1.5, -1.2, 1.2])
@@ -296,6 +296,8 @@ def test_loading_needs_no_opencv() -> None:
 
 
 def test_data_frames() -> None:
+    import pandas  # takes a second, which nobody else waits for
+
     run = load_experiment("foraging", robots=3, duration_s=2).simulate(1, "a")
     frame = run.to_pandas()
     assert (

@@ -14,7 +14,7 @@ from vsense.base import processes
 from vsense.commands import COMMANDS
 from vsense.robots import boards
 
-pytestmark = [pytest.mark.system, pytest.mark.paced]
+pytestmark = [pytest.mark.system, pytest.mark.quick]
 
 ROOT = Path(__file__).parents[2]
 TRAPS = (
@@ -66,9 +66,22 @@ def vsense(folder: Path, line: str, module: bool = True) -> None:
     assert done.returncode == 0, done.stderr
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-def test_of_every_command_nothing_is_imported_from_there(command: str, folder: Path) -> None:
-    vsense(folder, f"{command} --help")
+EVERY_COMMAND = """
+import sys; del sys.path[0]; import contextlib, os, runpy
+for command in sys.argv[1:]:
+    sys.path.insert(0, "")
+    sys.argv = ["vsense", *command.split(), "--help"]
+    with contextlib.suppress(SystemExit):
+        runpy.run_module("vsense", run_name="__main__", alter_sys=True)
+    assert not {"", os.getcwd()} & {*sys.path}, command
+"""
+"""Does what `python -m vsense COMMAND --help` does, for one command after the other."""
+
+
+def test_of_every_command_nothing_is_imported_from_there(folder: Path) -> None:
+    done = run(folder, sys.executable, "-c", EVERY_COMMAND, *COMMANDS)
+    assert done.returncode == 0, done.stderr
+    assert all(f"usage: vsense {command} " in done.stdout for command in COMMANDS)
 
 
 @pytest.mark.parametrize("module", MODULES)
@@ -90,7 +103,7 @@ LAB = ["lab phototaxis --duration 1 --robots 2 --port 0 --web 0 --foxglove 0 -o 
     [
         (SIMULATED, True),
         (SIMULATED, False),
-        (LAB, True),
+        pytest.param(LAB, True, marks=pytest.mark.paced),
         (["series plan.toml", "pack plan-sim -o plan.zip", "reproduce plan.zip -o again"], True),
         (["doctor --json", "docs experiments", "new mine"], True),
     ],

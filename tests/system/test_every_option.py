@@ -23,7 +23,7 @@ from tests.rigs.web import page_options
 from vsense import cli
 from vsense.run.runs_csv import read_runs
 
-pytestmark = [pytest.mark.system, pytest.mark.paced]
+pytestmark = pytest.mark.system
 
 PAGE = "--web 127.0.0.1:0 --web-tokens tokens --web-cert page.pem --web-key page-key.pem"
 VSENSE = (sys.executable, "-m", "vsense")
@@ -205,6 +205,7 @@ def test_series_and_benchmarks_take_all_their_options(folder: Path) -> None:
     assert vsense(f"series plan.toml --mode sim -o sim {CODE} -j 2 --lenient --allow-upgrade") == 0
 
 
+@pytest.mark.quick
 def test_what_is_simulated_takes_all_its_options(folder: Path, said: Any) -> None:
     words = f"sim walk.argos {CODE} --hold --locked --speed max --insecure {SIMULATED}"
     until(words, "https://.*to-control-it", "Foxglove: ws://")
@@ -220,6 +221,7 @@ def test_what_is_simulated_takes_all_its_options(folder: Path, said: Any) -> Non
         assert told["experiment"] == "foraging"
 
 
+@pytest.mark.quick
 def test_comparisons_and_searches_take_all_their_options(folder: Path, said: Any) -> None:
     how = "--duration 1 --seed 3 --set foraging.pull=0.2 --lenient --format svg --style ggplot"
     told = said(f"compare foraging foraging --minimize robots_carrying --margin 5% {how} --json")
@@ -233,6 +235,7 @@ def test_comparisons_and_searches_take_all_their_options(folder: Path, said: Any
     assert len([*Path("runs").glob("*.csv")]) == 2
 
 
+@pytest.mark.quick
 @pytest.mark.parametrize(
     "command", ["sim", "lab", "run", "render", "robot calibrate", "robot check", "optimize"]
 )
@@ -261,6 +264,7 @@ def test_robots_are_checked_and_calibrated_with_all_options(folder: Path) -> Non
         until(f"robot calibrate foraging {words}1 --wait 60", "waiting: 0 of 1 robots")
 
 
+@pytest.mark.quick
 def test_files_take_all_options(folder: Path, said: Any) -> None:
     made = DATA / "made-by-0.1"
     recorded, table = made / "lab-run" / "mine.mcap", made / "campaign" / "results.csv"

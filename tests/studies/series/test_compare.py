@@ -17,7 +17,6 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from scipy import stats
 
 import vsense
 from tests.rigs.places import ROOT
@@ -97,6 +96,8 @@ def test_the_boundary_is_crossed_by_a_twentieth_of_all_sequences() -> None:
 
 @pytest.mark.parametrize("freedom", [7, 11, 15, 399])
 def test_estimated_variances_widen_the_interval_as_students_t_does(freedom: int) -> None:
+    from scipy import stats  # takes a second, which nobody else waits for
+
     tail = stats.norm.sf(_sequential._BOUNDARY)
     assert _sequential._quantile(freedom) == pytest.approx(stats.t.isf(tail, freedom), rel=2e-3)
 
@@ -182,6 +183,7 @@ def test_a_worse_side_fails_and_its_runs_are_kept(folder: Path, capsys) -> None:
     before = (folder / "runs.csv").read_bytes()
     assert compare(*words) == 1 and (folder / "runs.csv").read_bytes() == before
     assert compare("mine", "foraging", *words[2:6], "-o", "new.png") == 0
+    assert "better: items home" in capsys.readouterr().err
     assert cv2.imread("new.png").shape[1] > 1000
     assert compare("mine", "foraging", "--minimize", "items_home", "--duration", "60") == 1
     assert [path.suffix for path in sorted(Path("runs").iterdir())] == [".csv", ".png"]
@@ -193,13 +195,15 @@ def test_git_has_the_old_side(folder: Path, capsys) -> None:
         subprocess.run(["git", *who, *words], check=True, capture_output=True)
 
     git("init", "-b", "main", ".")
-    git("add", "mine")
-    git("commit", "-m", "slow")
     file = Path("mine/mine.argos")
-    file.write_text(file.read_text().replace('speed_cm_s="4"', 'speed_cm_s="12"'))
+    slow = file.read_text()
+    file.write_text(slow.replace('speed_cm_s="4"', 'speed_cm_s="12"'))
+    git("add", "mine")
+    git("commit", "-m", "fast")
+    file.write_text(slow)
     how = (*ITEMS, "--duration", "60")
-    assert compare("main:", "mine", *how) == 0
-    assert "better: items home" in capsys.readouterr().err
+    assert compare("main:", "mine", *how) == 1
+    assert "worse: items home" in capsys.readouterr().err
     assert compare("main:mine/mine.argos", "main:mine", *how, "--pairs", "8") == 0
     assert "the same in every pair, in 8 pairs" in capsys.readouterr().err
     for side, words in (
