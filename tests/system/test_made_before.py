@@ -39,7 +39,12 @@ def test_its_pictures_are_tracked_again_in_every_bit(
 ) -> None:
     code, out = vsense(capsys, "replay", made / "tracked", "--retrack", "--json")
     compared = json.loads(out)
-    assert (code, compared["timesteps"], compared["equal"]) == (0, 5, 5)
+    assert (code, compared["timesteps"], compared["robots"]) == (0, 5, 25)
+    assert compared["only_before"] == compared["only_now"] == 0
+    if "avx512f" in Path("/proc/cpuinfo").read_text():  # as where it was made
+        assert compared["equal"] == 5
+    # Without it NumPy's arctan2 rounds the last bit otherwise, here and there.
+    assert compared["position_m"] < 1e-12 and compared["heading_rad"] < 1e-12
 
 
 def test_its_readings_are_sensed_again_in_every_bit(

@@ -272,6 +272,7 @@ _RECORDED = {"covariance": "spread", "height_sensitivity": "lean"}
 
 def freeze(tracker: ArenaTracker) -> dict[str, Any]:
     """Gives a tracker's memory; to be called in its thread, between two timesteps."""
+    tracker.learn()
     return {
         "newest": tracker._gate._newest,
         "heights_m": [[tag, height] for tag, height in tracker.heights_m.items()],
@@ -290,6 +291,7 @@ def restore(tracker: ArenaTracker, memory: Mapping[str, Any]) -> None:
     Raises:
         KeyError, TypeError, ValueError, IndexError: the memory is damaged.
     """
+    tracker.learn()  # what waits to be learned is of its own memory
     tracker._gate._newest = int(memory["newest"])
     tracker.heights_m.clear()
     tracker.heights_m.update({int(tag): float(height) for tag, height in memory["heights_m"]})
