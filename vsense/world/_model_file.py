@@ -111,7 +111,6 @@ _OPTIONAL = {
 }  # fmt: skip
 """What tables may lack; only those of `_NEEDED` must be there."""
 _NEEDED = ("body", "wheels")
-_FOLDER = Path(__file__).parent / "models"
 _LIKE: Mapping[str, Reader] = {
     "like": matching("[a-z0-9-]{1,32}", "the name of a shipped model, such as epuck")
 }
@@ -122,12 +121,15 @@ _BESIDE_M = 0.02
 """Sensors may stick out so far."""
 
 
-def read_tables(path: Path, text: str) -> dict[str, dict[str, Any]]:
-    """The tables of a model's file, checked; ConfigError with file and line where it is wrong."""
+def read_tables(path: Path, text: str, shipped: Path) -> dict[str, dict[str, Any]]:
+    """The tables of a model's file, checked; ConfigError with file and line where it is wrong.
+
+    `shipped` is the folder of the models that they may be like.
+    """
     file = TomlFile(path, text)
     tables = file.read({name: {**form, **_LIKE} for name, form in _SCHEMA.items()})
     for name in [name for name, table in tables.items() if "like" in table]:
-        tables[name] = _table_like(file, name, tables[name])
+        tables[name] = _table_like(file, name, tables[name], shipped)
     for name, form in _SCHEMA.items():
         if name not in tables and name not in _NEEDED:
             continue
@@ -144,13 +146,15 @@ def read_tables(path: Path, text: str) -> dict[str, dict[str, Any]]:
     return tables
 
 
-def _table_like(file: TomlFile, name: str, table: Mapping[str, Any]) -> dict[str, Any]:
+def _table_like(
+    file: TomlFile, name: str, table: Mapping[str, Any], shipped: Path
+) -> dict[str, Any]:
     """The table of a shipped model that one of this file is like; what it says itself counts."""
-    path = _FOLDER / f"{table['like']}.toml"
+    path = shipped / f"{table['like']}.toml"
     if path == file.path or not path.is_file():
-        there = instead(table["like"], [p.stem for p in _FOLDER.glob("*.toml")])
+        there = instead(table["like"], [p.stem for p in shipped.glob("*.toml")])
         raise file.error(f"there is no shipped model {table['like']!r}; {there}", name, "like")
-    lent = read_tables(path, path.read_text()).get(name)
+    lent = read_tables(path, path.read_text(), shipped).get(name)
     if lent is None:
         raise file.error(f"{table['like']} has no [{name}] to be like", name, "like")
     return {**lent, **{key: value for key, value in table.items() if key != "like"}}

@@ -238,7 +238,7 @@ _LENT = ("infrared", "generic", "radio", "camera", "ground_m", "lamps_m")
 
 @cache
 def _read(path: Path, text: str) -> RobotModel:
-    tables = read_tables(path, text)
+    tables = read_tables(path, text, MODELS_FOLDER)
     known = {name: make(**tables[name]) for name, make in _PARTS.items() if name in tables}
     known |= {f"{name}_m": tables[name]["places_m"] for name in _PLACES if name in tables}
     if "infrared" in known:

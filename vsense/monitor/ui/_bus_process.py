@@ -126,13 +126,14 @@ class BusProcess:
         try:
             while not self._closing:
                 messages = sorted(self._next(), key=lambda message: message.topic != first)
-                for message in messages:
-                    self._link.send(message)
                 heard: Heard = []
                 while self._link.poll():
                     heard.append(self._link.recv())
+                # Before anything is sent: to a process that has ended nothing can be.
                 if reasons := [reason for kind, reason in heard if kind == "failed"]:
                     raise VsenseError(reasons[0])
+                for message in messages:
+                    self._link.send(message)
                 self._follow(messages, heard)
         except Exception as error:
             self._has_ended = True

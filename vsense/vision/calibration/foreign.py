@@ -198,6 +198,8 @@ def _of_yaml(path: Path, text: str) -> Foreign:
     for key in _LENS_KEYS:
         if (lens := found.get(key, "").strip("\"'")) not in _LENSES:
             raise fail(f"{lens!r}, expected plumb_bob: OpenCV's usual model", key)
+    if "fisheye" in found.get("model", ""):
+        raise fail("a fisheye lens, expected plumb_bob: OpenCV's usual model", "model")
     names = {
         "matrix": "camera_matrix.data",
         "distortions": "distortion_coefficients.data",

@@ -255,15 +255,17 @@ class Health:
             self._turn += 1
             rows = detections.get(frame.camera)
             events += self._cameras[frame.camera].check_place(frame.image, rows)
-        places = self._places(detections)
+        places = {c: self._places(c, rows) for c, rows in detections.items()}
         events += self._check_times(frames, places)
         # Mostly all pictures of a timestep are checked at once: their places are known.
-        others = {c: r for c, r in (together or {}).items() if r is not detections.get(c)}
-        same = places if together is None else {c: places[c] for c in together if c not in others}
-        return events + self._agreement.compare({**same, **self._places(others)})
+        seen = {
+            c: places[c] if rows is detections.get(c) else self._places(c, rows)
+            for c, rows in (detections if together is None else together).items()
+        }
+        return events + self._agreement.compare(seen)
 
-    def _places(self, seen: Mapping[str, NDArray[np.void]]) -> dict[str, MarkerPlaces]:
-        return {c: marker_places(self._rig[c], r, self._heights_m) for c, r in seen.items()}
+    def _places(self, camera: str, rows: NDArray[np.void]) -> MarkerPlaces:
+        return marker_places(self._rig[camera], rows, self._heights_m)
 
     def _check_times(
         self, frames: Sequence[Frame], places: Mapping[str, MarkerPlaces]
