@@ -60,8 +60,9 @@ LONG = (
 
 
 TRIES_AGAIN = 2
-"""Of a failed test that keeps real time: the machine may have been held up. `scripts/test` names
-each at its end, for one that fails again and again in different runs is no accident."""
+"""Of a failed test that keeps real time: the machine may have been held up. Beside other workers
+there is none: `scripts/test` tries those that failed there again, with the machine for themselves.
+It names each at its end, for one that fails again and again in different runs is no accident."""
 
 
 OPT_IN = "campaign"
@@ -92,7 +93,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker("alone")
         elif item.nodeid.startswith(PACED) and item.get_closest_marker("quick") is None:
             item.add_marker("paced")
-        if item.get_closest_marker("alone") or item.get_closest_marker("paced"):
+        keeps_time = item.get_closest_marker("alone") or item.get_closest_marker("paced")
+        if keeps_time and "PYTEST_XDIST_WORKER" not in os.environ:
             item.add_marker(pytest.mark.flaky(reruns=TRIES_AGAIN, reruns_delay=2))
 
 
@@ -106,7 +108,10 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
             _, _, reason = report.longrepr
             place = report.nodeid.partition("::")[0]
             file.write(f"skipped {place}: {reason.removeprefix('Skipped: ')}\n")
-        for report in terminalreporter.stats.get("rerun", []):
+        options, kinds = terminalreporter.config.option, ["rerun"]
+        if options.markexpr == "paced" and options.dist != "no":
+            kinds += ["failed", "error"]
+        for report in (report for kind in kinds for report in terminalreporter.stats.get(kind, [])):
             file.write(f"tried again {report.nodeid}\n")
 
 
