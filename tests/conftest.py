@@ -60,9 +60,8 @@ LONG = (
 
 
 TRIES_AGAIN = 2
-"""Of a failed test that keeps real time: the machine may have been held up. Beside other workers
-there is none: `scripts/test` tries those that failed there again, with the machine for themselves.
-It names each at its end, for one that fails again and again in different runs is no accident."""
+"""Of a failed test that keeps real time, but beside other workers: those `scripts/test` tries again
+with the machine for themselves. It names each: one that fails in different runs is no accident."""
 
 
 OPT_IN = "campaign"

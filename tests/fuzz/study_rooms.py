@@ -24,7 +24,7 @@ from vsense.run.runs_csv import RunsFile, read_runs
 from vsense.studies.benchmark import _comparing, _definition, _evidence
 from vsense.studies.packages._archive import MANIFEST, Package, manifest_of
 from vsense.studies.packages._contents import CONTENTS, MOST_CONTENTS, PackageContents
-from vsense.studies.packages._gathering import gather, plan_of
+from vsense.studies.packages._gathering import gather
 from vsense.studies.report.study._collect import read_tables
 from vsense.studies.series import _folder, _plan
 from vsense.vision.calibration import checked
@@ -126,8 +126,7 @@ def prepare_study(folder: Path) -> StudyScene:
 
 
 def _series(scene: StudyScene, path: Path) -> None:
-    for series in gather([path.parent]):
-        plan_of(series)
+    gather([path.parent])
     _folder.allowed_changes(scene.plan, path.parent)
 
 

@@ -192,7 +192,7 @@ def test_pretended_cameras_take_all_their_options(folder: Path) -> None:
 
 def test_series_and_benchmarks_take_all_their_options(folder: Path) -> None:
     port, lines = free_ports(2)
-    lab = f"{CAST} {SWARM} {ERRORS} --cameras 2x2 --pace 0.9 --port {port} {WATCHED}"
+    lab = f"{CAST} {SWARM} {ERRORS} --cameras 2x2 --pace 0.4 --port {port} {WATCHED}"
     kept = f"{CODE} --lenient --locked --record --record-images"
     assert vsense(f"series plan.toml --mode lab -o lab {lab} {kept} --json") == 0
     assert next(Path("lab").rglob("*.mcap")).stat().st_size > 10_000

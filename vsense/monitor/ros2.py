@@ -13,8 +13,9 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import count
 from typing import Any
 
 import cv2
@@ -97,7 +98,8 @@ class Ros2Converter:
 
     def __init__(self, utc_shift_ns: int) -> None:
         self._shift_ns = utc_shift_ns
-        self._sensors: list[list[tuple[str, int]]] = []
+        self._sensors: list[list[tuple[str, str]]] = []
+        self._cameras = dict[str, str]()
         self._controller_of: dict[int, int] = {}
         self._makers: Mapping[str, Callable[[Message, int], Iterator[Ros2Message]]] = {
             "/experiment": self._of_experiment,
@@ -119,20 +121,21 @@ class Ros2Converter:
     def _of_experiment(self, message: Message, now_ns: int) -> Iterator[Ros2Message]:
         experiment = ExperimentMessage.read(message.data)
         self._controller_of = experiment.controller_of()
-        self._sensors = [
-            [(str(sensor["name"]), int(sensor["count"])) for sensor in controller["sensors"]]
-            for controller in experiment.controllers
-        ]
+        controllers = experiment.controllers
+        named = ([str(sensor["name"]) for sensor in c["sensors"]] for c in controllers)
+        self._sensors = [list(zip(names, distinct(names, _OWN))) for names in named]
         models = (camera["model"] for camera in experiment.cameras)
         cameras = [Camera.from_json(json.dumps(model)) for model in models]
-        transforms = [_transform(now_ns, optical(c.id), *_pose_of(c)) for c in cameras]
+        ids = [camera.id for camera in cameras]
+        self._cameras = dict(zip(ids, distinct(ids)))
+        transforms = [_transform(now_ns, self._frame(c.id), *_pose_of(c)) for c in cameras]
         if transforms:
             yield Ros2Message(
                 "/tf_static", "tf2_msgs/TFMessage", now_ns, {"transforms": transforms}
             )
         for camera in cameras:
-            topic = f"/{plain(camera.id)}/camera_info"
-            info = _header(now_ns, optical(camera.id)) | camera_info(camera)
+            topic = f"/{self._cameras[camera.id]}/camera_info"
+            info = _header(now_ns, self._frame(camera.id)) | camera_info(camera)
             yield Ros2Message(topic, "sensor_msgs/CameraInfo", now_ns, info)
 
     def _of_arena(self, message: Message, now_ns: int) -> Iterator[Ros2Message]:
@@ -157,12 +160,11 @@ class Ros2Converter:
     def _of_readings(self, message: Message, now_ns: int) -> Iterator[Ros2Message]:
         for tag, values in zip(message.data["tag"], message.data["values"]):
             sensors = self._sensors[self._controller_of.get(tag, 0)]
-            for (name, _), numbers in zip(sensors, values):
+            for (name, word), numbers in zip(sensors, values):
                 size = len(numbers)
                 layout = {"dim": [{"label": name, "size": size, "stride": size}]}
                 data = [float("nan") if n is None else float(n) for n in numbers]
-                word = plain(name)
-                topic = f"/{namespace(tag)}/{'virtual_' * (word in _OWN)}{word}"
+                topic = f"/{namespace(tag)}/{word}"
                 fields = {"layout": layout, "data": data}
                 yield Ros2Message(topic, "std_msgs/Float64MultiArray", now_ns, fields)
 
@@ -178,10 +180,13 @@ class Ros2Converter:
     def _of_picture(self, message: Message, now_ns: int) -> Iterator[Ros2Message]:
         camera = str(message.data["camera"])
         stamp_ns = int(message.data.get("capture_ns", message.time_ns)) + self._shift_ns
-        fields = _header(stamp_ns, optical(camera))
+        fields = _header(stamp_ns, self._frame(camera))
         fields |= {"format": str(message.data["format"]), "data": message.blob}
-        topic = f"/{plain(camera)}/image/compressed"
+        topic = f"/{self._cameras.get(camera) or plain(camera)}/image/compressed"
         yield Ros2Message(topic, "sensor_msgs/CompressedImage", now_ns, fields)
+
+    def _frame(self, camera: str) -> str:
+        return f"{self._cameras.get(camera) or plain(camera)}_optical"
 
 
 def plain(name: str) -> str:
@@ -195,9 +200,16 @@ def namespace(tag: int) -> str:
     return f"robot_{int(tag)}"
 
 
-def optical(camera: str) -> str:
-    """A camera's frame."""
-    return f"{plain(camera)}_optical"
+def distinct(names: Iterable[str], taken: Collection[str] = ()) -> list[str]:
+    """Names as topics may have them, no two alike, and none that is taken."""
+    found = list[str]()
+    for name in map(plain, names):
+        word = stem = f"virtual_{name}" if name in taken else name
+        turns = count(2)
+        while word in found:
+            word = f"{stem}_{next(turns)}"
+        found.append(word)
+    return found
 
 
 def yaw_quaternion(yaw_rad: float) -> Fields:

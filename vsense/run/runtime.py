@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from vsense.base.arena import ArenaState, Frame
 from vsense.base.clock import host_ns
@@ -106,10 +106,6 @@ class Step:
     state: ArenaState
     frames: Sequence[Frame]
     given: GivenDeeds | None = None
-
-    def without_frames(self) -> Step:
-        """The same, without holding on to the pictures."""
-        return replace(self, frames=())
 
 
 class Runtime:

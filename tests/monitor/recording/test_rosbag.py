@@ -18,7 +18,7 @@ from vsense.base.arena import POSE, ArenaState, arena_data
 from vsense.base.message_bus import Message
 from vsense.cli import main
 from vsense.monitor.recording.reader import open_recording
-from vsense.monitor.ros2 import DEFINITIONS, Ros2Converter, plain
+from vsense.monitor.ros2 import DEFINITIONS, Ros2Converter, distinct, plain
 from vsense.vision.cameras.camera import Camera
 
 mcap_ros2 = pytest.importorskip("mcap_ros2.reader", reason="pip install mcap-ros2-support")
@@ -214,3 +214,13 @@ def test_damaged_messages_are_left_out() -> None:
 )
 def test_names_of_topics(name: str, expected: str) -> None:
     assert plain(name) == expected
+
+
+def test_names_that_become_alike_have_topics_of_their_own() -> None:
+    cameras = [{"model": json.loads(DOWN.to_json()) | {"id": id}} for id in ("cam-1", "cam_1")]
+    experiment = messages()[0].data | {"cameras": cameras}
+    made = Ros2Converter(0).convert(Message("/experiment", 1, experiment))
+    assert [m.topic for m in made[1:]] == ["/cam_1/camera_info", "/cam_1_2/camera_info"]
+    first, second = (one["child_frame_id"] for one in made[0].fields["transforms"])
+    assert (first, second) == ("cam_1_optical", "cam_1_2_optical")
+    assert distinct(["pose", "virtual-pose"], ("pose",)) == ["virtual_pose", "virtual_pose_2"]

@@ -112,10 +112,13 @@ def test_opencv_and_ros_come_in(tmp_path: Path, capsys: pytest.CaptureFixture[st
     (tmp_path / "ost.yaml").write_text(ROS)
     output = tmp_path / "cameras"
     (output / "reference").mkdir(parents=True)
-    (output / "reference" / "front.png").write_bytes(b"of another calibration")
+    for name in ("front.json", "reference/front.png"):
+        (output / name).write_text("of another calibration")
     words = ["calibrate", "import", str(tmp_path / "front.yml"), str(tmp_path / "ost.yaml")]
     assert main([*words, "-o", str(output)]) == 0
-    assert "camera front: a lens only; vsense camera calibrate rig" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert "camera front: a lens only; vsense camera calibrate rig" in told
+    assert told.count("front.json: was there, and is replaced") == told.count("replaced") == 1
     assert not (output / "reference" / "front.png").exists()
     ahead = POINTS + np.array((0.0, 0.0, 1.0))
     file = cv2.FileStorage(str(tmp_path / "front.yml"), cv2.FILE_STORAGE_READ)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.vision.calibration.ideal import CAMERAS, arena_grid
-from vsense.vision.calibration.frame import FrameShift, places_seen
+from vsense.vision.calibration.frame import FrameShift
 
 SHIFT = FrameShift(0.12, -0.05, np.radians(3.0))
 
@@ -38,11 +38,3 @@ def test_the_shift_between_places_is_found() -> None:
 def test_one_place_tells_no_turn() -> None:
     found = FrameShift.between(np.array([(1.0, 2.0)]), np.array([(1.5, 2.0)]))
     assert (found.x_m, found.y_m, found.yaw_rad) == (0.5, 0.0, 0.0)
-
-
-def test_places_are_what_each_camera_sees() -> None:
-    points = np.array([(-0.7, -0.5, 0.1), (0.8, 0.6, 0.1)])
-    seen = [CAMERAS[0], CAMERAS[3]]
-    pixels = [camera.project(point) for camera, point in zip(seen, points)]
-    assert places_seen(seen, pixels, 0.1) == pytest.approx(points[:, :2], abs=1e-9)
-    assert places_seen([], [], 0.1).shape == (0, 2)

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from vsense.base.errors import UsageError, failing_as
 from vsense.base.files import parse_json, read_text
 from vsense.modes import origin
 from vsense.monitor.recording import MCAP
-from vsense.run.directory import SERIES, SUMMARY
+from vsense.run.directory import SUMMARY
 from vsense.run.runs_csv import RUNS, RunRow, read_runs
 from vsense.studies.packages._archive import PackageError
 
@@ -189,11 +187,3 @@ def _row(folder: Path) -> RunRow:
 def _plain(name: str) -> str:
     """A name that every file system has."""
     return re.sub(r"[^\w.+=,-]", "_", name)[:100].strip(".") or "runs"
-
-
-def plan_of(series: FoundSeries) -> Mapping[str, Any]:
-    """The plan of a series, as it was begun with; empty: it has none."""
-    with suppress(OSError, ValueError, AttributeError):
-        plan = parse_json(read_text(series.folder / SERIES)).get("plan")
-        return plan if isinstance(plan, dict) else {}
-    return {}

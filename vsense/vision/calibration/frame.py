@@ -8,7 +8,6 @@ turn about the vertical and shift along the floor together.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -60,13 +59,6 @@ class FrameShift:
         """The shift for people; of a turn it is said about which point."""
         shift = f"{1e3 * self.x_m:+.1f} mm along x, {1e3 * self.y_m:+.1f} mm along y"
         return f"{shift}, turned by {math.degrees(self.yaw_rad):+.3f} deg about the old origin"
-
-
-def places_seen(cameras: Sequence[Camera], pixels: Sequence[Floats], height_m: float) -> Floats:
-    """Returns (n, 2) places on a plane of what n cameras see at their (2,) pixels."""
-    return np.array(
-        [camera.to_plane(pixel, height_m) for camera, pixel in zip(cameras, pixels)]
-    ).reshape(-1, 2)
 
 
 def turn(vectors: Floats) -> Floats:
