@@ -64,11 +64,14 @@ class Interrupted(Exception):
     """The user has ended the runs."""
 
 
-class CutShort(VsenseError):
-    """A signal has ended the command before it did anything; `exit_code` says which."""
+class CutShort(KeyboardInterrupt):
+    """A signal has ended the command before it did anything; `exit_code` says which.
+
+    No VsenseError: what says that something has failed must not say so of this.
+    """
 
     def __init__(self, exit_code: int) -> None:
-        super().__init__("interrupted")
+        super().__init__(exit_code)
         self.exit_code = exit_code
 
 

@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.errors import VsenseError
 from vsense.base.native import lib
 from vsense.base.shared import LabError, LogFile, file_errors
 from vsense.modes.lab._air import Air
@@ -96,7 +95,7 @@ class Microcontrollers:
             raise LabError(
                 f"emulated robots: {count} of {len(kinds)}, then: {error.strerror or error}"
             ) from None
-        except VsenseError:
+        except BaseException:
             self.close()
             raise
         self._power_on(kinds, watchdog, grounded)

@@ -240,7 +240,7 @@ def _yaml(path: Path, text: str, lines: dict[str, int]) -> dict[str, str]:
             lines.setdefault(key, number)
             parts = [value]
         else:
-            words = f"{line[:40]!r}: expected 'name: value', YAML of OpenCV's or ROS's"
+            words = f"{line[:40]!r}: expected 'name: value', as in OpenCV's .yml or ROS's ost.yaml"
             raise ConfigError(str(path), number, words)
         if not parts[0].startswith("[") or "]" in line:
             found[key], parts = "".join(parts), []
