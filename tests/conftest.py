@@ -45,8 +45,7 @@ PACED = (
     *(f"tests/robots/test_{name}.py" for name in ("hard_faults", "stops")),
     "tests/system/",
 )
-"""Tests of one board, one daemon, one run or four cameras in real time: with their like only, since
-a busy machine is a fault of cameras too."""
+"""Tests of one board, daemon or run, or of four cameras, in real time: with their like only."""
 
 
 LONG = (
