@@ -448,7 +448,7 @@ BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     "the page": (("vsense",), (".js", ".css", ".html"), 46, 6000, 300),
     "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 297, 32700, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 38, 7700, 512),
-    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 666, 115520, 657),
+    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 666, 115540, 657),
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 
@@ -566,6 +566,9 @@ def test_every_file_that_design_md_names_is_there() -> None:
     assert len(named) > 60
     lost = {n for n in named if not any(p.endswith(f"/{Path(n)}") for p in paths)}
     assert {n for n in lost if "NAME" not in n} == set()
+    for name, file in re.findall(r"`(?:\w+\.)?(\w+)` \(`([\w./-]+\.(?:py|c|h|js))`", text):
+        files = [ROOT / path[1:] for path in paths if path.endswith(f"/{file}")]
+        assert any(re.search(rf"\b{name}\b", f.read_text()) for f in files), f"{name} in {file}"
 
 
 def test_formats_are_those_that_design_md_tells() -> None:

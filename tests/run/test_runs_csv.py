@@ -14,7 +14,7 @@ from vsense.base.errors import UsageError, VsenseError
 from vsense.run import runs_csv
 from vsense.run.runs_csv import (
     COLUMNS,
-    OF_LINKS,
+    OPTIONAL,
     RUNS,
     RunRow,
     RunRows,
@@ -59,10 +59,10 @@ def test_what_links_did_has_columns_where_there_were_links(tmp_path: Path) -> No
     path = tmp_path / RUNS
     RunsFile(path).append(plain("1", measures={"x": 4.0}))
     before = path.read_text()
-    assert not any(name in before for name in OF_LINKS)
+    assert not any(name in before for name in OPTIONAL)
     RunsFile(path).append(plain("2", longest_silence_s=0.31, signal_dbm=-84, power_saving=[3, 70]))
     RunsFile(path).append(plain("3", measures={"signal_dbm": 5.0}))
-    assert path.read_text().startswith(f"{','.join([*COLUMNS, 'x', *OF_LINKS])},measure_signal_dbm")
+    assert path.read_text().startswith(f"{','.join([*COLUMNS, 'x', *OPTIONAL])},measure_signal_dbm")
     first, second, third = read_runs(path)
     assert (first.measures["x"], first.signal_dbm, first.power_saving) == (4.0, None, ())
     assert (second.longest_silence_s, second.signal_dbm) == (0.31, -84)

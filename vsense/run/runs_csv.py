@@ -31,7 +31,7 @@ COLUMNS = (
 )  # fmt: skip
 """The columns that every table begins with."""
 
-OF_LINKS = ("longest_silence_s", "signal_dbm", "power_saving")
+OPTIONAL = ("longest_silence_s", "signal_dbm", "power_saving")
 """Columns that a table has where some run has a value in them; all others are measures."""
 
 FORMER = ("campaign", "experiment")
@@ -156,7 +156,7 @@ class RunsFile:
         if stamp_of(self.path) != self._seen:
             self._read()
         row = replace(row, measures=_columns_of(row.measures))
-        more = [name for name in OF_LINKS if getattr(row, name) not in (None, (), [])]
+        more = [name for name in OPTIONAL if getattr(row, name) not in (None, (), [])]
         new = [name for name in (*more, *row.measures) if name not in self.measures]
         rows, measures = [*self.rows, row], [*self.measures, *new]
         try:
@@ -338,7 +338,7 @@ def _columns_of(measures: Mapping[str, float | None]) -> dict[str, float | None]
     columns: dict[str, float | None] = {}
     for measure, value in measures.items():
         name = measure
-        while name in ("", *COLUMNS, *OF_LINKS) or (name != measure and name in measures):
+        while name in ("", *COLUMNS, *OPTIONAL) or (name != measure and name in measures):
             name = f"measure_{name}"
         columns[name] = value
     return columns
@@ -346,7 +346,7 @@ def _columns_of(measures: Mapping[str, float | None]) -> dict[str, float | None]
 
 def _row(cells: Mapping[str, str]) -> RunRow:
     """Makes a row; ValueError says what is wrong."""
-    values: dict[str, Any] = {n: cells.get(n, "").strip() for n in (*COLUMNS, *OF_LINKS)}
+    values: dict[str, Any] = {n: cells.get(n, "").strip() for n in (*COLUMNS, *OPTIONAL)}
     for name, kind in _NUMBERS.items():
         values[name] = _number(name, values[name], kind) if values[name] else None
     for name, kind in _LISTS.items():
@@ -359,7 +359,7 @@ def _row(cells: Mapping[str, str]) -> RunRow:
     measures = {
         name: _number(name, text.strip(), float) if text.strip() else None
         for name, text in cells.items()
-        if name not in (*COLUMNS, *OF_LINKS)
+        if name not in (*COLUMNS, *OPTIONAL)
     }
     return RunRow(**values, measures=measures)
 
@@ -380,7 +380,7 @@ def _text_of(rows: Sequence[RunRow], measures: Sequence[str]) -> str:
 def _cells(row: RunRow, measures: Sequence[str]) -> list[str]:
     return [
         *(_written(getattr(row, name)) for name in COLUMNS),
-        *(_written(getattr(row, n) if n in OF_LINKS else row.measures.get(n)) for n in measures),
+        *(_written(getattr(row, n) if n in OPTIONAL else row.measures.get(n)) for n in measures),
     ]
 
 

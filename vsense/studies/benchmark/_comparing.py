@@ -11,7 +11,7 @@ from typing import Any
 from vsense.base.errors import UsageError
 from vsense.base.files import parse_json, read_text
 from vsense.base.terminal import aligned
-from vsense.run.runs_csv import COLUMNS, MODES, OF_LINKS, RunRow
+from vsense.run.runs_csv import COLUMNS, MODES, OPTIONAL, RunRow
 from vsense.run.verdict import VALID, VOID
 from vsense.studies.benchmark import _definition
 from vsense.studies.benchmark._result import FORM, RESULT
@@ -28,7 +28,7 @@ _TYPES: Mapping[str, type | tuple[type, ...]] = {
 }
 """Of values that are no texts."""
 _LISTS = ("tags", "uids", "batteries_v", "versions", "power_saving")
-_MAY_LACK = ("seed", "duration_s", "robots", "light_level", "late", *OF_LINKS)
+_MAY_LACK = ("seed", "duration_s", "robots", "light_level", "late", *OPTIONAL)
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,7 +182,7 @@ def _check(result: Mapping[str, Any]) -> None:
 def row_of(run: Mapping[str, Any]) -> RunRow:
     """A run of a result as runs.csv has it; KeyError, TypeError or ValueError: it is damaged."""
     # Results of vsense 0.1 say nothing of links.
-    values = {name: run[name] for name in RunRow.__slots__ if name in run or name not in OF_LINKS}
+    values = {name: run[name] for name in RunRow.__slots__ if name in run or name not in OPTIONAL}
     values.setdefault("power_saving", [])
     for name in _LISTS:
         if not isinstance(values[name], list):
@@ -243,7 +243,7 @@ def _apart(noise: Mapping[str, Any], name: str) -> float | None:
 
 def _check_row(row: RunRow) -> None:
     """Raises TypeError or ValueError where a value is not of its column's kind."""
-    for name in (*COLUMNS, *OF_LINKS):
+    for name in (*COLUMNS, *OPTIONAL):
         value, kind = getattr(row, name), _TYPES.get(name, str)
         values = value if name in _LISTS else (value,)
         if value is None and name in _MAY_LACK:
