@@ -48,7 +48,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"vsense: {printable_lines(str(error))}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt as error:  # which may say the signal, as `Interruption.code` does
-        print("vsense: interrupted", file=sys.stderr)
+        with suppress(OSError):
+            print("vsense: interrupted", file=sys.stderr)
         return error.args[0] if error.args else 130
     except ImportError:
         if not codes:

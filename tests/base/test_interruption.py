@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -10,6 +11,7 @@ from contextlib import suppress
 
 import pytest
 
+from vsense import cli
 from vsense.base import terminal
 from vsense.base.errors import CutShort, VsenseError
 from vsense.base.terminal import interruption
@@ -159,3 +161,16 @@ def test_a_signal_while_the_commands_load_has_its_code(number: int, code: int, w
     command = [sys.executable, "-c", _SIGNALLED, *words]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert (done.returncode, done.stdout, done.stderr) == (code, "", "")
+
+
+def test_a_terminal_that_has_gone_changes_no_exit_code(monkeypatch: pytest.MonkeyPatch) -> None:
+    def cut_short(words: list[str]) -> int:
+        raise CutShort(129)
+
+    monkeypatch.setattr(cli, "_run", cut_short)
+    other_end, gone = os.openpty()
+    os.close(other_end)
+    with suppress(OSError), os.fdopen(gone, "w", buffering=1) as stream:  # it cannot be emptied
+        monkeypatch.setattr(sys, "stderr", stream)
+        code = cli.main(["sim"])
+    assert code == 129

@@ -20,7 +20,7 @@ from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import TYPE_CHECKING, Any, Protocol
 
-from vsense.base.errors import CutShort, Interrupted, VsenseError, require
+from vsense.base.errors import Interrupted, VsenseError, require
 from vsense.base.terminal import Console, Interruption
 from vsense.config.specs import Experiment
 from vsense.modes.sim import fingerprint
@@ -287,8 +287,6 @@ def _connect(address: str) -> Client:
     try:
         asyncio.run(_greet(address))
         return Client(address, timeout=SCHEDULER_TIMEOUT_S, set_as_default=False, name="vsense")
-    except CutShort:
-        raise
     except Exception as error:  # whatever is there may answer anything
         reason = str(error) or f"silence for {SCHEDULER_TIMEOUT_S:g} s"
         raise VsenseError(

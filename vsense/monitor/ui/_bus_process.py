@@ -18,7 +18,8 @@ import subprocess
 import threading
 from collections import deque
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
+from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -85,18 +86,19 @@ class BusProcess:
             )
         self._link = Connection(ours.detach())
         kind, value = "failed", "its process has ended"
-        with suppress(OSError, EOFError):
-            self._link.send(spec)
-            value = f"it has not begun within {_START_S:g} s"
-            if self._link.poll(_START_S):
-                value = "its process has ended"
-                kind, value = self._link.recv()
-        if kind != "ready":
-            self._end()
-            raise VsenseError(str(value))
-        self._thread = threading.Thread(
-            target=self._run, args=(first,), name=self._module, daemon=True
-        )
+        with ExitStack() as undone:
+            undone.callback(self._end)  # also where a signal ends this
+            with suppress(OSError, EOFError):
+                self._link.send(spec)
+                value = f"it has not begun within {_START_S:g} s"
+                if self._link.poll(_START_S):
+                    value = "its process has ended"
+                    kind, value = self._link.recv()
+            if kind != "ready":
+                raise VsenseError(str(value))
+            undone.pop_all()
+        name, work = self._module, partial(self._run, first)
+        self._thread = threading.Thread(target=work, name=name, daemon=True)
         self._thread.start()
         self._listener = self._bus.join(
             self._receive, lambda topic: not self._has_ended and wants(topic)
