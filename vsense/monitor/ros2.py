@@ -123,11 +123,10 @@ class Ros2Converter:
         self._controller_of = experiment.controller_of()
         controllers = experiment.controllers
         named = ([str(sensor["name"]) for sensor in c["sensors"]] for c in controllers)
-        self._sensors = [list(zip(names, distinct(names, _OWN))) for names in named]
+        self._sensors = [list(distinct(names, _OWN).items()) for names in named]
         models = (camera["model"] for camera in experiment.cameras)
         cameras = [Camera.from_json(json.dumps(model)) for model in models]
-        ids = [camera.id for camera in cameras]
-        self._cameras = dict(zip(ids, distinct(ids)))
+        self._cameras = distinct(camera.id for camera in cameras)
         transforms = [_transform(now_ns, self._frame(c.id), *_pose_of(c)) for c in cameras]
         if transforms:
             yield Ros2Message(
@@ -200,16 +199,19 @@ def namespace(tag: int) -> str:
     return f"robot_{int(tag)}"
 
 
-def distinct(names: Iterable[str], taken: Collection[str] = ()) -> list[str]:
-    """Names as topics may have them, no two alike, and none that is taken."""
-    found = list[str]()
-    for name in map(plain, names):
-        word = stem = f"virtual_{name}" if name in taken else name
-        turns = count(2)
-        while word in found:
-            word = f"{stem}_{next(turns)}"
-        found.append(word)
-    return found
+def distinct(names: Iterable[str], taken: Collection[str] = ()) -> dict[str, str]:
+    """What topics say in place of each name, in their order: no two alike, none that is taken.
+
+    Names that topics may have stay as they are.
+    """
+    stems = {name: "virtual_" * (plain(name) in taken) + plain(name) for name in names}
+    found = dict[str, str]()
+    for name in sorted(stems, key=lambda name: stems[name] != name):
+        word, turns = stems[name], count(2)
+        while word in found.values():
+            word = f"{stems[name]}_{next(turns)}"
+        found[name] = word
+    return {name: found[name] for name in stems}
 
 
 def yaw_quaternion(yaw_rad: float) -> Fields:

@@ -118,7 +118,7 @@ def test_opencv_and_ros_come_in(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert main([*words, "-o", str(output)]) == 0
     told = capsys.readouterr().err
     assert "camera front: a lens only; vsense camera calibrate rig" in told
-    assert told.count("front.json: was there, and is replaced") == told.count("replaced") == 1
+    assert told.count("front.json: is there, and is written over") == told.count("over") == 1
     assert not (output / "reference" / "front.png").exists()
     ahead = POINTS + np.array((0.0, 0.0, 1.0))
     file = cv2.FileStorage(str(tmp_path / "front.yml"), cv2.FILE_STORAGE_READ)
