@@ -13,6 +13,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import suppress
 from itertools import count
 from typing import Any, NamedTuple, TypeVar
 
@@ -293,6 +294,6 @@ class Kernels:
 
 def _pin(turn: int) -> None:
     """Keeps the calling thread on the processor of its turn, where the system can do that."""
-    if hasattr(os, "sched_setaffinity"):
+    with suppress(OSError, AttributeError):  # a container may forbid it
         allowed = sorted(os.sched_getaffinity(0))
         os.sched_setaffinity(0, {allowed[turn % len(allowed)]})

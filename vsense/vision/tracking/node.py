@@ -103,7 +103,9 @@ class NodeService:
         heights_m = {tag: h for search in searches for tag, h in search.heights_m.items()}
         if len(heights_m) > MOST_ROWS:
             raise NodeError(f"{len(heights_m)} tags, expected at most {MOST_ROWS}")
-        self._workers, self._health = Workers(2, pin=True), Health(self.cameras, heights_m)
+        # With more processors there may be more nodes, which would all take the first two.
+        self._workers = Workers(2, pin=cv2.getNumberOfCPUs() <= 2)
+        self._health = Health(self.cameras, heights_m)
         sees = {c.id: search for c, search in zip(self.cameras, searches, strict=True)}
         self._detector = CameraDetectors(sees, self._prediction, self._workers)
         self.grabber: Grabber | None = None
@@ -268,8 +270,7 @@ class CameraNode:
             if tell_ns is not None and self._clock() > tell_ns:
                 tell_ns = None
                 if not is_connected(self._zenoh):
-                    does = "does the tracker run, and trust this node"
-                    self._say(f"reaches nobody yet: {does}; is no certificate too old?")
+                    self._say("reaches nobody yet: does the tracker run, are certificates valid?")
             if service is not None and self._clock() - service.heard_ns > IDLE_NS:
                 self._say("the tracker is gone: waiting for the next one")
                 self._drop()
