@@ -239,7 +239,7 @@ def test_nothing_of_ours_uses_the_face() -> None:
     }
 
 
-def test_no_public_class_name_twice() -> None:
+def test_no_public_class_or_type_name_twice() -> None:
     # Experiments are examples: each has its LoopFunctions, as ARGoS names them.
     defined: dict[str, list[str]] = defaultdict(list)
     for module, path in MODULES.items():
@@ -247,6 +247,10 @@ def test_no_public_class_name_twice() -> None:
             for node in nodes(path):
                 if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                     defined[node.name].append(module)
+                if isinstance(node, ast.Assign) and node.col_offset == 0:  # a type's short name
+                    names = [t.id for t in node.targets if isinstance(t, ast.Name)]
+                    for name in (n for n in names if re.match("[A-Z][A-Za-z0-9]*[a-z]", n)):
+                        defined[name].append(module)
     assert "ArenaState" in defined
     assert {name: modules for name, modules in defined.items() if len(modules) > 1} == {}
 

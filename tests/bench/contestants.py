@@ -28,9 +28,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tests.bench.frames import FRAMES_PER_S, MARKER_M, FrameSet, Image
+from tests.bench.frames import FRAMES_PER_S, MARKER_M, FrameSet
 from tests.rigs.places import ROOT
-from vsense.base.arena import Frame
+from vsense.base.arena import Frame, Image
 from vsense.base.processes import start_module
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import load_family

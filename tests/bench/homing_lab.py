@@ -24,12 +24,12 @@ from typing import Any
 import numpy as np
 
 from tests.bench import homing as table
-from tests.bench.homing import LOSS, UNSEEN_S, WHEELS, ContactTimes, Floats, HomingRow
+from tests.bench.homing import LOSS, UNSEEN_S, WHEELS, ContactTimes, HomingRow
 from tests.faults.lab import FarSwarm
 from tests.faults.relay import LOOP_NET, Relay, Weather
 from tests.rigs.places import ROOT
 from vsense.base import clock
-from vsense.base.arena import ArenaState, Frame
+from vsense.base.arena import ArenaState, Floats, Frame
 from vsense.base.shared import LabError
 from vsense.base.terminal import Console, Interruption, interruption
 from vsense.config import experiment as files

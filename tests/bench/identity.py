@@ -12,15 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from tests.bench.frames import (
-    FRAMES_PER_S,
-    MARKER_M,
-    Floats,
-    MovingStudio,
-    RenderedSwarm,
-    cameras,
-)
-from vsense.base.arena import ArenaState, Frame
+from tests.bench.frames import FRAMES_PER_S, MARKER_M, MovingStudio, RenderedSwarm, cameras
+from vsense.base.arena import ArenaState, Floats, Frame
 from vsense.vision.markers.families import MarkerFamily, choose_tags, load_family
 from vsense.vision.tracking.arena_tracker import ArenaTracker
 

@@ -28,8 +28,9 @@ from tests.bench.contestants import (
     opencv,
     ours,
 )
-from tests.bench.frames import MARKER_M, FrameSet, Image, Painter, cameras
+from tests.bench.frames import MARKER_M, FrameSet, Painter, cameras
 from tests.bench.whole_tracker import PER_CAMERA, WholeTracker
+from vsense.base.arena import Image
 from vsense.base.terminal import aligned
 from vsense.vision.markers.families import MarkerFamily, choose_tags, load_family
 from vsense.vision.tracking._detector import make_detector

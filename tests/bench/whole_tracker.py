@@ -14,16 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from tests.bench.frames import (
-    FRAMES_PER_S,
-    MARKER_M,
-    SPEED_M_S,
-    Image,
-    MovingStudio,
-    cameras,
-    crowd,
-)
-from vsense.base.arena import Frame
+from tests.bench.frames import FRAMES_PER_S, MARKER_M, SPEED_M_S, MovingStudio, cameras, crowd
+from vsense.base.arena import Frame, Image
 from vsense.vision.markers.families import load_family
 from vsense.vision.tracking._prediction import MarkerSearch
 from vsense.vision.tracking._workers import Kernels, Picture, Workers

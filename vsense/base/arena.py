@@ -15,6 +15,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Image = NDArray[np.uint8]
+Point = tuple[float, float]
+"""x and y."""
+
 POSE = np.dtype(
     [
         ("tag", "u4"),

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Image = NDArray[np.uint8]
-Floats = NDArray[np.float64]
+from vsense.base.arena import Floats, Image
+
 Colour = tuple[int, int, int]
 
 SCALE = 2

@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.arena import Image
 from vsense.base.errors import VsenseError
 from vsense.base.native import ffi
 
@@ -179,17 +180,15 @@ _HEADER = np.dtype([("timesteps", "i8", (BANK_SLOTS,)), ("lent", "?", (BANK_SLOT
 _PAGE = 4096
 """The pictures begin here."""
 
-Image8 = NDArray[np.uint8]
 
-
-def _copied(images: Image8) -> Image8:
+def _copied(images: Image) -> Image:
     """Copies pictures to memory of their own, which the system gets back when they are released.
 
     In the heap they would leave a hole, soon strewn with small things, and the next copy would need
     another: memory would grow with every time that the machine is slow.
     """
     memory = mmap.mmap(-1, images.nbytes, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
-    copy: Image8 = np.frombuffer(memory, np.uint8).reshape(images.shape)
+    copy: Image = np.frombuffer(memory, np.uint8).reshape(images.shape)
     copy[...] = images
     return copy
 
@@ -211,7 +210,7 @@ class FrameBank:
         self._header = block.bytes[: _HEADER.itemsize].view(_HEADER)[0]
         self._returned: deque[int] = deque()
         self.name = block.name
-        self.images: Image8 = block.bytes[_PAGE:size].reshape(BANK_SLOTS, *shape)
+        self.images: Image = block.bytes[_PAGE:size].reshape(BANK_SLOTS, *shape)
 
     @classmethod
     def make(cls, shape: tuple[int, int, int]) -> FrameBank:
@@ -231,7 +230,7 @@ class FrameBank:
             self._timesteps[slot] = timestep + 1
         return slot
 
-    def lend(self, slot: int, timestep: int) -> Image8 | None:
+    def lend(self, slot: int, timestep: int) -> Image | None:
         """Lends the pictures of a timestep in `slot`; the host only, one thread.
 
         Returns:
@@ -259,17 +258,17 @@ class FrameBank:
         timesteps: NDArray[np.int64] = self._header["timesteps"]
         return timesteps
 
-    def _borrowed(self, slot: int) -> Image8:
+    def _borrowed(self, slot: int) -> Image:
         """A slot's pictures, which return the slot when any thread releases them last."""
-        images: Image8 = self.images[slot]
+        images: Image = self.images[slot]
         returned = self._returned
 
-        def give_back(pointer: Any, memory: Image8 = images) -> None:
+        def give_back(pointer: Any, memory: Image = images) -> None:
             # `memory` keeps the bank mapped as long as the pictures are used.
             returned.append(slot)
 
         lent = ffi.gc(ffi.cast("uint8_t *", ffi.from_buffer(images)), give_back)
-        flat: Image8 = np.frombuffer(ffi.buffer(lent, images.nbytes), np.uint8)
+        flat: Image = np.frombuffer(ffi.buffer(lent, images.nbytes), np.uint8)
         return flat.reshape(images.shape)
 
 

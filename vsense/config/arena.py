@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from vsense.base.arena import Image
 from vsense.base.errors import ConfigError
 from vsense.base.files import read_bytes
 from vsense.base.xml.element import Element, shown
@@ -30,7 +31,7 @@ from vsense.config._things import (
 )
 from vsense.config.specs import Experiment, FieldSpec, FloorSpec, Stage
 from vsense.world.entities import Arena, Box, Cylinder, Entity, WorldError
-from vsense.world.fields import MAX_CONCENTRATION, Field, Floor, Image
+from vsense.world.fields import MAX_CONCENTRATION, Field, Floor
 
 FIELD_ELEMENT = "vs:field"
 LIGHT_ELEMENT = "light"

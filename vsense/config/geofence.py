@@ -8,14 +8,13 @@ from dataclasses import dataclass, field
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vsense.base.arena import Floats
 from vsense.base.xml.element import MAX_SHOWN, Element
 from vsense.config._things import MAX_SIZE_M
 from vsense.world.entities import Arena
 from vsense.world.robot_models import EPUCK
 
-Floats = NDArray[np.float64]
 Corner = tuple[float, float]
 
 MAX_SPEED_M_S = EPUCK.max_steps_s * EPUCK.step_m

@@ -17,14 +17,12 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-from vsense.base.arena import wrap_angle
+from vsense.base.arena import Point, wrap_angle
 from vsense.base.errors import UsageError
 from vsense.config._distribute import DistributedSpec, Distribution
 from vsense.config.specs import Experiment, ObjectSpec, Pose, RobotSpec, Stage
 from vsense.world.entities import Arena, Box, Cylinder, Entity, Light, Vector, VirtualRobot, moved
 from vsense.world.robot_models import EPUCK, RobotModel
-
-Point = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from vsense.config.specs import ControllerSpec
 from vsense.robots.policy import PolicyError, read_policy
 from vsense.world.sensors.base import layout_dtype, scale_of
 
-Bounds = tuple[NDArray[np.float64], NDArray[np.float64]]
+SpaceBounds = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 _RING, _RING_NUMBERS, _RING_RAW = "proximity", 8, 4096.0
 _WHEELS = ("left wheel", "right wheel")
@@ -23,13 +23,13 @@ _MOST_ACTUATORS, _MOST_BYTES = 8, 255
 """Source: robot/policy.h, robot/policy.c."""
 
 
-def observed(spec: ControllerSpec) -> dict[str, Bounds]:
+def observed(spec: ControllerSpec) -> dict[str, SpaceBounds]:
     """The least and the most of each number that is observed, by the name of its sensor.
 
     Virtual sensors come in the order of the file, and the ring of proximity sensors after them,
     where the file has it: whether it is the robots' own or a virtual one depends on the command.
     """
-    bounds = dict[str, Bounds]()
+    bounds = dict[str, SpaceBounds]()
     for mounted in spec.sensors:
         sensor = mounted.sensor
         (count, _), scale = layout_dtype(sensor.layout), scale_of(sensor)

@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vsense.robots.python_swarm import RGB, Floats, Leds, Rows, Swarm
+from vsense.base.arena import Floats
+from vsense.robots.python_swarm import RGB, Leds, RowMask, Swarm
 from vsense.world.robot_models import EPUCK
 
 RAW_MAX = 4096.0
@@ -192,7 +193,7 @@ class LuaSensor:
         self._last = new
         return new
 
-    def _rolled(self, way_cm: Floats, known: Rows) -> Floats:
+    def _rolled(self, way_cm: Floats, known: RowMask) -> Floats:
         """(n, 4) the way since the last step [cm], and how fast that is; left and right."""
         before = way_cm if self._before_cm is None else self._before_cm
         covered_cm = np.where(known[:, None], way_cm - before, 0.0)
@@ -267,7 +268,7 @@ class LuaActuators:
         self._ways = {name: swarm.actuator(name) for name in bound}
         self.lines = b"".join(f"{how} {name} {n}\n".encode() for how, name, n in self._kinds)
 
-    def apply(self, numbers: Floats, where: Rows) -> None:
+    def apply(self, numbers: Floats, where: RowMask) -> None:
         """Does what the scripts have set: (n, k) in the order of `lines`, of the robots `where`."""
         at, lit = 0, np.zeros(len(self._swarm), np.uint32)
         shines = False
@@ -317,9 +318,9 @@ def _steps_s(speeds_cm_s: Floats) -> Floats:
     return np.asarray(np.trunc(steps_s + np.copysign(0.5, steps_s)))
 
 
-def _is_lit(levels: Floats) -> Rows:
+def _is_lit(levels: Floats) -> RowMask:
     """(n, 8) which LEDs of the ring have a colour; those of a larger ring fall on the nearest."""
-    lamps: Rows = np.asarray(levels.reshape(len(levels), -1, 3).any(axis=2))
+    lamps: RowMask = np.asarray(levels.reshape(len(levels), -1, 3).any(axis=2))
     ring = lamps.shape[1] - (_COLORED if lamps.shape[1] == _RING + _COLORED else 1)
     lit = np.zeros((len(levels), _RING), dtype=np.bool_)
     for led in range(ring):

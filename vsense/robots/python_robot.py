@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from vsense.robots.python_swarm import RGB, Floats, Swarm, SwarmActuator, SwarmReading, SwarmWalk
+from vsense.base.arena import Floats
+from vsense.robots.python_swarm import RGB, Swarm, SwarmActuator, SwarmReading, SwarmWalk
 
 
 class Reading:

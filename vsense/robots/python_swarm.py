@@ -32,10 +32,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vsense.base.arena import Floats
 from vsense.base.errors import UsageError, instead
 
-Floats = NDArray[np.float64]
-Rows = NDArray[np.bool_]
+RowMask = NDArray[np.bool_]
 
 
 class Leds(IntFlag):
@@ -94,13 +94,13 @@ class SwarmReading:
         return self.values[:, 0]
 
     @property
-    def known(self) -> Rows:
+    def known(self) -> RowMask:
         """(n,) it has been measured once; False: nobody offers it, or not yet."""
         self._read()
         return np.asarray(self._ages_ns != _NEVER_NS)
 
     @property
-    def stale(self) -> Rows:
+    def stale(self) -> RowMask:
         """(n,) older than 2.5 timesteps, or not known."""
         self._read()
         return self._stale
@@ -342,7 +342,7 @@ class Swarm:
             raise IndexError(f"robot {robot}: {expected}")
         self.runtime.call("log", robot, str(line))
 
-    def rows(self, where: ArrayLike) -> Rows:
+    def rows(self, where: ArrayLike) -> RowMask:
         """(n,) the robots that `where` means: one truth value, or one for each.
 
         ValueError: it is something else, such as places.

@@ -12,21 +12,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.arena import Floats
 from vsense.base.errors import VsenseError
 from vsense.base.native import kernel_ffi, lib
 from vsense.run._loop_kernel import LoopKernel
 from vsense.world.fields import OPAQUE, Floor
 
-Floats = NDArray[np.float64]
-
-Ask = Callable[[Floats], NDArray[np.uint8] | None]
+FloorRequest = Callable[[Floats], NDArray[np.uint8] | None]
 """Gives the colours (n, 3) at points (n, 2), None when nobody can be asked any more."""
 
 
 class FloorPainter:
     """Asks for colours, for C too; how the floor was painted last is what is left in the end."""
 
-    def __init__(self, ask: Ask, kernel: LoopKernel | None) -> None:
+    def __init__(self, ask: FloorRequest, kernel: LoopKernel | None) -> None:
         """`kernel` asks without Python, until the end."""
         self._ask, self._kernel = ask, kernel
         self._last: tuple[LoopFloor, int] | None = None

@@ -14,10 +14,11 @@ from itertools import accumulate
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.arena import Floats
 from vsense.base.readings import SensorReadings
 from vsense.robots.hosted import MESSAGE, OWN_ENTRIES
 from vsense.robots.link.table import Direction, Entry, Table
-from vsense.robots.python_swarm import OWN_COUNTS, RGB, Floats
+from vsense.robots.python_swarm import OWN_COUNTS, RGB
 from vsense.world.world import NEVER_NS
 
 OWN_NUMBERS = sum(1 + count for count in OWN_COUNTS.values())

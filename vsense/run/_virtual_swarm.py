@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.arena import ArenaState
+from vsense.base.arena import ArenaState, Floats
 from vsense.base.readings import SwarmReadings
 from vsense.config.specs import Experiment
 from vsense.robots.inprocess import ACT_NS, CONTROL_NS
@@ -27,8 +27,6 @@ from vsense.world.physics.proximity_ring import ProximityRing
 from vsense.world.robot_models import EPUCK
 from vsense.world.sightings import recent
 from vsense.world.world import BODY_MEMORY_NS, World
-
-Floats = NDArray[np.float64]
 
 _FAR_M = 1e6
 """Where robots and things are put that must block nothing."""

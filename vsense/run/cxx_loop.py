@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vsense.base.arena import Floats
 from vsense.config.specs import Experiment, LoopSpec
 from vsense.robots import build
 from vsense.robots.link.table import Table
@@ -41,7 +41,6 @@ from vsense.world.fields import Floor
 from vsense.world.loop_functions import STEPS
 from vsense.world.world import NEVER_NS, World
 
-Floats = NDArray[np.float64]
 PoseTuple = tuple[float, float, float]
 Tables = Mapping[str, Table]
 """Sensor tables by a controller's id."""

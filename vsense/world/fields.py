@@ -15,10 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vsense.base.arena import Floats, Image
 from vsense.base.native import check, kernel_ffi, kernels
 from vsense.world.entities import Arena, Color, WorldError, Zone
-
-Image = NDArray[np.uint8]
 
 WHITE: Color = (255, 255, 255)
 OPAQUE = 255.0
@@ -117,8 +116,6 @@ class Floor:
     def _pixels(self) -> Image:
         return np.ascontiguousarray(self.image)
 
-
-Floats = NDArray[np.float64]
 
 MAX_CELLS = 4_000_000
 MAX_SUBSTEPS = 50

@@ -12,9 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vsense.base.arena import wrap_angle
-
-Floats = NDArray[np.float64]
+from vsense.base.arena import Floats, wrap_angle
 
 DEFAULT_MEMORY_NS = 5_000_000_000
 """How long the cone of a source that is not seen stays where the source was seen last."""

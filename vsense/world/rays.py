@@ -18,8 +18,6 @@ from vsense.world.entities import Box, Cylinder, Light
 from vsense.world.robot_models import EPUCK, RobotModel
 from vsense.world.sightings import LastSightings
 
-Floats = NDArray[np.float64]
-
 _FIELDS = "x_m y_m z_low_m z_high_m radius_m half_x_m half_y_m cosine sine"
 BODY = np.dtype([(name, "f8") for name in _FIELDS.split()])
 """One body; the fields are those of `struct vs_obstacle`."""

@@ -43,13 +43,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.arena import Point
 from vsense.base.errors import UsageError, instead
 from vsense.base.files import PACKAGE_FOLDER
 from vsense.base.native import kernels
 from vsense.base.toml import read_toml_text
 from vsense.world._model_file import CURVES, read_tables
-
-Point = tuple[float, float]
 
 MODEL_SUFFIX = ".toml"
 MODELS_FOLDER = PACKAGE_FOLDER / "world" / "models"

@@ -7,9 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from vsense.base.arena import wrap_angle
+from vsense.base.arena import Floats, wrap_angle
 from vsense.studies.benchmark._motion import (
-    Floats,
     RunMotion,
     WheelOrders,
     robots_of,

@@ -20,12 +20,13 @@ import pytest
 
 import vsense
 from tests.rigs.places import ROOT
+from vsense.base.arena import Floats
 from vsense.base.errors import UsageError
 from vsense.base.terminal import Console
 from vsense.cli import main
 from vsense.run.runs_csv import read_runs
 from vsense.studies.series import _sequential
-from vsense.studies.series._sequential import BETTER, NOT_CLEAR, NOT_WORSE, WORSE, Floats
+from vsense.studies.series._sequential import BETTER, NOT_CLEAR, NOT_WORSE, WORSE
 from vsense.studies.series._sides import NEW, OLD
 from vsense.studies.series.compare import Margin, _Looks
 

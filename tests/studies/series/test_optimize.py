@@ -16,7 +16,7 @@ import pytest
 
 import vsense
 from tests.rigs.places import ROOT
-from vsense.base.canvas import Floats
+from vsense.base.arena import Floats
 from vsense.cli import main
 from vsense.run.runs_csv import read_runs
 from vsense.studies.report import _plot

@@ -19,8 +19,9 @@ import cv2
 import numpy as np
 
 from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, render
+from vsense.base.arena import Image
 from vsense.vision.cameras.camera import Camera
-from vsense.vision.cameras.picture import Image, PictureError, decode, to_grey
+from vsense.vision.cameras.picture import PictureError, decode, to_grey
 from vsense.vision.markers.families import load_family
 from vsense.vision.tracking._detector import make_detector
 

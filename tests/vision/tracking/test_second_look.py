@@ -13,9 +13,9 @@ import pytest
 
 from tests.vision.tracking.hard_sets import FOCAL_PX, LENS, square_crowd, square_family
 from tests.vision.tracking.synthetic import HARD, HEIGHT_M, Look, Robot, render
-from vsense.base.arena import Frame
+from vsense.base.arena import Frame, Image
 from vsense.vision.cameras.camera import Camera
-from vsense.vision.tracking._kernel import Image, Kernel
+from vsense.vision.tracking._kernel import Kernel
 from vsense.vision.tracking.arena_tracker import ArenaTracker
 
 FAMILY = square_family("apriltag_36h11")

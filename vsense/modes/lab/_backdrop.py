@@ -12,8 +12,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.arena import Floats, Image
 from vsense.base.shared import LabError
-from vsense.modes.lab._optics import Floats, Image8, RayMap, blur, vignetting
+from vsense.modes.lab._optics import RayMap, blur, vignetting
 from vsense.modes.lab._scene import Scene
 from vsense.vision.cameras.camera import Camera, Image32
 from vsense.world.entities import Box, Cylinder
@@ -101,7 +102,7 @@ def _polygon(camera: Camera, outline: Floats, height_m: float) -> NDArray[np.int
     return np.rint(camera.project(points) * (1 << _SHIFT)).astype(np.int32)
 
 
-def _stand(surface: Image8, top_m: Image32, camera: Camera, boxes: tuple[Block, ...]) -> None:
+def _stand(surface: Image, top_m: Image32, camera: Camera, boxes: tuple[Block, ...]) -> None:
     """Paints all boxes into the surface and their heights into `top_m`, in place."""
     highest = max((box.height_m for box in boxes), default=0.0)
     outlines = [box.outline() for box in boxes]
@@ -117,7 +118,7 @@ def _stand(surface: Image8, top_m: Image32, camera: Camera, boxes: tuple[Block, 
             cv2.fillPoly(top_m, polygon, level, cv2.LINE_8, _SHIFT)
 
 
-def _shade_foot(surface: Image8, camera: Camera, boxes: tuple[Block, ...]) -> None:
+def _shade_foot(surface: Image, camera: Camera, boxes: tuple[Block, ...]) -> None:
     """Darkens the floor near the boxes, where less light arrives, in place."""
     shrink = 8
     height, width = surface.shape

@@ -16,8 +16,9 @@ from typing import Any
 import cv2
 import numpy as np
 
+from vsense.base.arena import Floats
 from vsense.base.shared import LabError
-from vsense.modes.lab._optics import BLUR_SIGMA_PX, Floats
+from vsense.modes.lab._optics import BLUR_SIGMA_PX
 from vsense.vision.cameras.camera import Camera, Image32
 from vsense.vision.markers.families import Family
 from vsense.world.robot_models import EPUCK, RobotModel, read_model

@@ -15,13 +15,11 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from vsense.base.arena import Image
 from vsense.base.native import kernel_ffi
 from vsense.vision.cameras.camera import Camera, Image32, everywhere
 
-Floats = NDArray[np.float64]
-Image8 = NDArray[np.uint8]
 Window = tuple[slice, slice]
 PixelRow = tuple[float, float, float]
 
@@ -105,14 +103,14 @@ _SCALE = (255 - 2 * _MIDDLE) / (np.sqrt(READ_NOISE**2 + SHOT_NOISE * WHITE_DN) -
 _LEVEL_SIGMA = 0.5 * SHOT_NOISE * _SCALE
 
 
-def to_levels(light_dn: Image32) -> Image8:
+def to_levels(light_dn: Image32) -> Image:
     """Converts light [DN], not negative, to levels."""
     root = cv2.sqrt(light_dn * SHOT_NOISE + READ_NOISE**2)
     levels = cv2.convertScaleAbs(root, alpha=_SCALE, beta=-READ_NOISE * _SCALE)
     return np.asarray(np.minimum(levels, 255 - 2 * _MIDDLE), dtype=np.uint8)
 
 
-def _table() -> Image8:
+def _table() -> Image:
     """Readings [DN] of the sums of a level and a value of the bank."""
     level = np.maximum(np.arange(256) - _MIDDLE, 0)
     light = ((level / _SCALE + READ_NOISE) ** 2 - READ_NOISE**2) / SHOT_NOISE
@@ -132,7 +130,7 @@ class Sensor:
         self._bank = np.clip(np.rint(noise) + _MIDDLE, 0, 2 * _MIDDLE).astype(np.uint8)
         self._table = _table()
 
-    def noise(self, camera: int, timestep: int) -> Image8:
+    def noise(self, camera: int, timestep: int) -> Image:
         """The (h, w) part of the bank for one picture."""
         rng = np.random.default_rng([self._seed, 1, camera, timestep])
         row, column = rng.integers(0, _SPARE, size=2)
@@ -148,7 +146,7 @@ class Sensor:
         readout.table = self._table.tolist()
         return readout
 
-    def read(self, levels: Image8, noise: Image8, window: Window, image: Image8) -> None:
+    def read(self, levels: Image, noise: Image, window: Window, image: Image) -> None:
         """Reads the levels of a window out into that window of `image`, (h, w) uint8.
 
         `noise` is that of the whole picture.

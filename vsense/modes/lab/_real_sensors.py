@@ -15,11 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vsense.base.arena import Floats
 from vsense.base.errors import UsageError
 from vsense.modes.lab._links import GROUND_RAW
 from vsense.world.robot_models import EPUCK, RobotModel
-
-Floats = NDArray[np.float64]
 
 N_RING, N_GROUND = 8, 3
 BLACK_RAW, WHITE_RAW = 250.0, float(GROUND_RAW)

@@ -17,13 +17,14 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
+from vsense.base.arena import Floats, Image
 from vsense.modes.lab._backdrop import Backdrop
 from vsense.modes.lab._bodies import Body, BodySprites
 from vsense.modes.lab._camera_spec import LabCameraSpec
-from vsense.modes.lab._optics import Floats, Image8, RayMap, Sensor, Window, to_levels
+from vsense.modes.lab._optics import RayMap, Sensor, Window, to_levels
 from vsense.modes.lab._scene import Scene
 from vsense.modes.lab._sprites import Look, SpritePainter, gather, look_of
-from vsense.modes.lab.truth import Leds
+from vsense.modes.lab.truth import LedStates
 from vsense.vision.markers.families import load_family
 
 _EVERYTHING: Window = (slice(None), slice(None))
@@ -47,12 +48,12 @@ class CameraRenderer:
         self._painter = SpritePainter(rays, backdrop)
         self._lit: tuple[bytes, Look] | None = None
 
-    def prepare(self, timestep: int, image: Image8) -> None:
+    def prepare(self, timestep: int, image: Image) -> None:
         """Writes the empty arena, with the timestep's noise, into `image` (h, w) uint8."""
         noise = self._sensor.noise(self._number, timestep)
         self._sensor.read(self._empty, noise, _EVERYTHING, image)
 
-    def expose(self, timestep: int, poses: Floats, leds: Leds, image: Image8) -> None:
+    def expose(self, timestep: int, poses: Floats, leds: LedStates, image: Image) -> None:
         """Adds the bodies to a picture of `prepare`; `leds` (n,) are LED bits.
 
         `poses` (samples, n, 3) are x [m], y [m], yaw [rad] at one or three moments that are
@@ -66,11 +67,11 @@ class CameraRenderer:
         self._bodies[row] = body
         self._lit = None
 
-    def get_ready(self, leds: Leds) -> None:
+    def get_ready(self, leds: LedStates) -> None:
         """Makes what the first picture of bodies with these LED bits needs."""
         self._look(leds)
 
-    def _look(self, leds: Leds) -> Look:
+    def _look(self, leds: LedStates) -> Look:
         """The bodies' sprites with these LED bits; they are kept for the next picture."""
         lit = leds.tobytes()
         if self._lit is None or self._lit[0] != lit:
@@ -126,15 +127,15 @@ class Studio:
         for camera, renderer in zip(self._spec.cameras, self._renderers):
             renderer.dress(row, BodySprites(body, self._family, camera))
 
-    def prepare(self, timestep: int, images: Image8) -> None:
+    def prepare(self, timestep: int, images: Image) -> None:
         """Draws the empty arena into images (cameras, h, w) uint8."""
         for renderer, image in zip(self._renderers, images):
             renderer.prepare(timestep, image)
 
-    def expose(self, timestep: int, poses: Floats, leds: Leds, images: Image8) -> None:
+    def expose(self, timestep: int, poses: Floats, leds: LedStates, images: Image) -> None:
         """Draws the bodies into prepared images; see `CameraRenderer.expose`."""
 
-        def draw(renderer: CameraRenderer, image: Image8) -> None:
+        def draw(renderer: CameraRenderer, image: Image) -> None:
             renderer.expose(timestep, poses, leds, image)
 
         list(self._painters.map(draw, self._renderers, images))

@@ -12,7 +12,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.modes.lab._optics import Floats, Image8, RayMap
+from vsense.base.arena import Floats, Image
+from vsense.modes.lab._optics import RayMap
 from vsense.vision.cameras.camera import Image32
 
 PX_PER_M = 800
@@ -76,7 +77,7 @@ class Scene:
         self._light_grid = Grid(left, top, width, height, _LIGHT_PX_PER_M)
         self._light = _uneven_light(self._light_grid, rng)
 
-    def floor(self, rays: RayMap) -> Image8:
+    def floor(self, rays: RayMap) -> Image:
         """The (h, w) reflectance that a camera sees, empty arena without walls."""
         column, row = self._grid.to_px(rays.x_m, rays.y_m)
         return np.asarray(cv2.remap(self._floor, column, row, cv2.INTER_LINEAR), dtype=np.uint8)
@@ -95,7 +96,7 @@ def _stretch(coarse: NDArray[np.float32], shape: tuple[int, int]) -> Image32:
     )
 
 
-def _dirty_floor(grid: Grid, rng: np.random.Generator) -> Image8:
+def _dirty_floor(grid: Grid, rng: np.random.Generator) -> Image:
     """Tiles of slightly different grey, with joints, spots of four sizes, and fine grain."""
     floor = np.full(grid.shape, _FLOOR, dtype=np.float32)
     for size_m, strength in _OCTAVES:
@@ -154,7 +155,7 @@ _WORDS = ("ARENA", "EXIT", "B12", "LAB", "A4", "07", "STOP", "KEEP", "NORTH", "I
 class _Pen:
     """Draws a turned piece into the floor; `at_px` (2,) are column and row of its middle."""
 
-    floor: Image8
+    floor: Image
     px_per_m: float
     at_px: Floats
     yaw_rad: float
@@ -176,7 +177,7 @@ class _Pen:
         cv2.polylines(self.floor, points, False, grey, width, cv2.LINE_AA, _SHIFT)
 
 
-def scatter(floor: Image8, px_per_m: float, pieces: int, rng: Rng) -> None:
+def scatter(floor: Image, px_per_m: float, pieces: int, rng: Rng) -> None:
     """Draws `pieces` pieces of litter at random places, in place; all kinds in turn."""
     for number in range(pieces):
         at = rng.uniform((0.0, 0.0), floor.shape[::-1])
@@ -237,7 +238,7 @@ def _text(pen: _Pen, rng: Rng) -> None:
     _stamp(pen.floor, mask, transform, INK_GRAY if sheet else 150)
 
 
-def _stamp(floor: Image8, mask: Image8, transform: Floats, grey: int) -> None:
+def _stamp(floor: Image, mask: Image, transform: Floats, grey: int) -> None:
     """Paints `grey` where the transformed mask is; only the part of the floor it touches."""
     height, width = mask.shape
     corners = np.array([(0, 0, 1), (width, 0, 1), (0, height, 1), (width, height, 1)])

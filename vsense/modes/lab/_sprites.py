@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.arena import Floats, Image
 from vsense.base.native import kernel_ffi, kernels
 from vsense.modes.lab._backdrop import Backdrop
 from vsense.modes.lab._bodies import EMISSION_DN, SPRITE_PX_PER_M, Effect, Sprite
-from vsense.modes.lab._optics import Floats, Image8, RayMap, Sensor
+from vsense.modes.lab._optics import RayMap, Sensor
 
 _MARGIN_PX = 1
 _SAME_HEIGHT_M = 0.001
@@ -150,7 +151,7 @@ class SpritePainter:
         kernels.vs_sprites_draw(self._backdrop, rows, len(sprites), canvas)
         return bodies
 
-    def read(self, patches: NDArray[np.void], sensor: Sensor, noise: Image8, image: Image8) -> None:
+    def read(self, patches: NDArray[np.void], sensor: Sensor, noise: Image, image: Image) -> None:
         """Reads (k,) PATCH of what was drawn out into `image`, both (h, w) uint8 as `noise`."""
         if self._readout is None:
             self._readout = sensor.readout()
@@ -223,7 +224,7 @@ def _floats(array: NDArray[np.float32]) -> Any:
     return kernel_ffi.cast("float *", array.ctypes.data)
 
 
-def _bytes(array: Image8) -> Any:
+def _bytes(array: Image) -> Any:
     assert array.strides[1] == 1
     return kernel_ffi.cast("uint8_t *", array.ctypes.data)
 

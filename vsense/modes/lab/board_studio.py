@@ -8,8 +8,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from vsense.base.arena import Floats, Image
 from vsense.base.errors import UsageError
 from vsense.config.specs import Experiment
 from vsense.modes.lab._backdrop import FULL_DN
@@ -20,9 +20,6 @@ from vsense.vision.calibration.board import Board, raster
 from vsense.vision.calibration.frame import BoardPose, turn
 from vsense.vision.cameras.camera import Camera, Image32
 from vsense.world.entities import Arena
-
-Floats = NDArray[np.float64]
-Image8 = NDArray[np.uint8]
 
 BOARD_PX_PER_M = 2500.0
 PAPER_LEVEL, INK_LEVEL = 225.0, 18.0
@@ -62,7 +59,7 @@ class BoardStudio:
         self._sensor = Sensor(cameras[0].height_px, cameras[0].width_px, seed)
         self._shots = 0
 
-    def take(self, pose: BoardPose) -> Iterator[tuple[str, Image8]]:
+    def take(self, pose: BoardPose) -> Iterator[tuple[str, Image]]:
         """Pictures (h, w), with the camera's id, of every camera that sees at least half of the
         board.
 
@@ -90,7 +87,7 @@ class BoardStudio:
             slice(max(left, 0), min(right, camera.width_px)),
         )
 
-    def _picture(self, number: int, window: Window, pose: BoardPose) -> Image8:
+    def _picture(self, number: int, window: Window, pose: BoardPose) -> Image:
         surface = self._floors[number][window].astype(np.float32)
         paper, cover = self._sheet(number, window, pose)
         surface += paper - cover * surface

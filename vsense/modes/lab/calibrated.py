@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.arena import wrap_angle
+from vsense.base.arena import Floats, wrap_angle
 from vsense.base.shared import file_errors
 from vsense.modes.lab.board_studio import HELD_UP, ON_FLOOR, BoardStudio, board_plan
 from vsense.vision.calibration.board import Board
@@ -26,7 +26,6 @@ from vsense.vision.calibration.session import PictureCalibration
 from vsense.vision.cameras.camera import Camera
 from vsense.world.entities import Arena
 
-Floats = NDArray[np.float64]
 _Say = Callable[[str], None]
 Origin = tuple[float, float, float]
 

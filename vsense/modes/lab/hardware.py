@@ -17,16 +17,13 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vsense.base.arena import turned
+from vsense.base.arena import Floats, turned
 from vsense.base.errors import UsageError
 from vsense.config.roster_fields import MarkerOffset
 from vsense.config.specs import Experiment
 from vsense.modes.lab._real_sensors import SensorHardware, draw_sensors
 from vsense.world.robot_models import EPUCK, RobotModel
-
-Floats = NDArray[np.float64]
 
 BASE_KINDS = ("argos", "asercom", "gctronic", "york", "exec", "wifi")
 """The names of `vsensed --base`."""

@@ -18,11 +18,10 @@ from threading import Condition, Event
 
 import numpy as np
 
-from vsense.base.arena import ArenaState
+from vsense.base.arena import ArenaState, Floats, Image
 from vsense.base.clock import host_ns
 from vsense.config.specs import Experiment
 from vsense.modes.lab._camera_spec import spec_for
-from vsense.modes.lab._optics import Floats, Image8
 from vsense.modes.lab._renderer import Studio
 from vsense.robots.link.network import listen
 from vsense.robots.link.status import LinkError
@@ -53,13 +52,13 @@ class _Pictures(ThreadingHTTPServer):
         self._changed = Condition()
         self._number, self._images = 0, np.empty((0, 0, 0), np.uint8)
 
-    def show(self, images: Image8) -> None:
+    def show(self, images: Image) -> None:
         """Sends pictures (cameras, h, w) from now on; they are copied."""
         with self._changed:
             self._number, self._images = self._number + 1, images.copy()
             self._changed.notify_all()
 
-    def after(self, number: int, camera: int) -> tuple[int, Image8 | None]:
+    def after(self, number: int, camera: int) -> tuple[int, Image | None]:
         """Waits for a picture of a camera after the one of a number; None: there is none yet."""
         with self._changed:
             self._changed.wait_for(lambda: self._number > number, _PATIENCE_S)

@@ -18,11 +18,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.arena import wrap_angle
+from vsense.base.arena import Floats, wrap_angle
 from vsense.base.shared import LabError, LogFile, SharedBlock, file_errors
 
-Floats = NDArray[np.float64]
-Leds = NDArray[np.uint16]
+LedStates = NDArray[np.uint16]
 
 TICKS = 256
 """Ticks that the ring remembers."""
@@ -127,7 +126,7 @@ class TruthReader:
             if np.array_equal(times, self._times):
                 raise LabError("truth ring: its records are broken")
 
-    def at(self, time_ns: int) -> tuple[Floats, Leds]:
+    def at(self, time_ns: int) -> tuple[Floats, LedStates]:
         """Poses and LED bits at one moment on the host's monotonic clock; see `TruthWriter.write`.
 
         Poses are interpolated between the ticks on both sides; LEDs are those of the tick before.
@@ -180,7 +179,7 @@ class TruthReader:
         return record[0] if written and record["sequence"][0] % TICKS == slot else None
 
 
-def _interpolate(before: np.void, after: np.void, time_ns: int) -> tuple[Floats, Leds]:
+def _interpolate(before: np.void, after: np.void, time_ns: int) -> tuple[Floats, LedStates]:
     span = int(after["time_ns"]) - int(before["time_ns"])
     share = (time_ns - int(before["time_ns"])) / span if span else 0.0
     change = after["poses"] - before["poses"]
@@ -228,7 +227,7 @@ class TruthLog:
         ready_ns: int,
         render_ns: int,
         poses: Floats,
-        leds: Leds,
+        leds: LedStates,
     ) -> None:
         """Adds one timestep; see `truth_dtype`."""
         self._record[0] = (timestep, capture_ns, ready_ns, render_ns, poses, leds)

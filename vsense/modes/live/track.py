@@ -40,7 +40,7 @@ HELD_S = 0.1
 
 Timesteps = Iterator[tuple[ArenaState, Sequence[Frame]]]
 """Arena states, each with the pictures that it was made from."""
-Found = Mapping[str, NDArray[np.void]]
+FoundByCamera = Mapping[str, NDArray[np.void]]
 """By the camera's id the DETECTION array of its picture."""
 
 
@@ -200,7 +200,7 @@ class TrackingRun:
         self._begun_ns, self._came, self._done = host_ns(), False, 0
         self._stands = False
         self._missed, self._counters = 0, TrackerCounters()
-        self._last: tuple[ArenaState, Sequence[Frame], Found] | None = None
+        self._last: tuple[ArenaState, Sequence[Frame], FoundByCamera] | None = None
 
     def open(self, stack: ExitStack) -> None:
         """Opens folder, page and control socket; what is opened ends with `stack`."""

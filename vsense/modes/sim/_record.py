@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.arena import POSE, ArenaState
+from vsense.base.arena import POSE, ArenaState, Floats
 from vsense.base.errors import VsenseError, failing_as
 from vsense.base.native import kernel_ffi, kernels
 from vsense.base.terminal import Level
@@ -28,7 +28,6 @@ from vsense.world.world import World
 if TYPE_CHECKING:
     from vsense.monitor.pictures.run_figure import RunFigure
 
-Floats = NDArray[np.float64]
 
 POSITION_STD_M = 26e-6
 """Standard deviation of a tracked position along each axis: 0.037 mm in all, as in the lab.

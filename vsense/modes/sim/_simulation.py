@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.arena import ArenaState
+from vsense.base.arena import ArenaState, Floats
 from vsense.base.errors import VsenseError
 from vsense.base.readings import SwarmReadings
 from vsense.config.placement import settle
@@ -32,7 +32,7 @@ from vsense.run.changing import Ground
 from vsense.run.environment import Environment, physics_of
 from vsense.run.programs import RUN_PROGRESS_BYTES, failed_words
 from vsense.world.entities import Box, Cylinder
-from vsense.world.physics.motion import Floats, NoisyWheels, Physics, obstacles
+from vsense.world.physics.motion import NoisyWheels, Physics, obstacles
 from vsense.world.physics.proximity_ring import ProximityRing
 
 EPOCH_NS = 1_000_000_000

@@ -12,7 +12,7 @@ import math
 from collections.abc import Sequence
 
 from vsense.monitor.foxglove import _schemas, channels
-from vsense.monitor.foxglove._shapes import ARENA_FRAME, Data
+from vsense.monitor.foxglove._shapes import ARENA_FRAME, Json
 
 LAB_CAMERAS = ("cam_0_0", "cam_0_1", "cam_1_0", "cam_1_1")
 """Of `vsense lab`, unless a camera file says otherwise."""
@@ -28,7 +28,7 @@ def layout(
     cameras: Sequence[str] = LAB_CAMERAS,
     fields: Sequence[str] = LAB_FIELDS,
     size_m: float = 3.0,
-) -> Data:
+) -> Json:
     """A layout for cameras and fields by their ids, and for an arena's longer side."""
     right = [_item(3, _pictures(cameras))] if cameras else []
     columns = [
@@ -38,24 +38,24 @@ def layout(
     return {"version": 1, "content": _split("row", columns)}
 
 
-def as_text(data: Data) -> str:
+def as_text(data: Json) -> str:
     """A layout as the text of its file."""
     return json.dumps(data, indent=2) + "\n"
 
 
-def _item(proportion: float, content: Data) -> Data:
+def _item(proportion: float, content: Json) -> Json:
     return {"proportion": proportion, "content": content}
 
 
-def _split(direction: str, items: list[Data]) -> Data:
+def _split(direction: str, items: list[Json]) -> Json:
     return {"type": "split", "direction": direction, "items": items}
 
 
-def _panel(kind: str, title: str, config: Data) -> Data:
+def _panel(kind: str, title: str, config: Json) -> Json:
     return {"type": "panel", "panelType": kind, "config": config, "title": title, "version": 1}
 
 
-def _scene(fields: Sequence[str]) -> Data:
+def _scene(fields: Sequence[str]) -> Json:
     """The topics that stand in the arena."""
     grid = {"colorMode": "gradient", "colorField": "level", "gradient": [_CLEAR, _STRONG]}
     return {
@@ -71,7 +71,7 @@ def _scene(fields: Sequence[str]) -> Data:
     }
 
 
-def _arena(cameras: Sequence[str], fields: Sequence[str], size_m: float) -> Data:
+def _arena(cameras: Sequence[str], fields: Sequence[str], size_m: float) -> Json:
     lenses = {f"{channels.CALIBRATION_TOPIC}{camera}": {"visible": False} for camera in cameras}
     poses = {channels.POSES: {"visible": False, "type": "arrow"}}
     view = {
@@ -97,7 +97,7 @@ def _arena(cameras: Sequence[str], fields: Sequence[str], size_m: float) -> Data
     return _panel("ThreeDee", "arena", config)
 
 
-def _pictures(cameras: Sequence[str]) -> Data:
+def _pictures(cameras: Sequence[str]) -> Json:
     """The cameras' panels: up to four side by side, more of them as tabs."""
     panels = [_picture(camera) for camera in cameras]
     if len(panels) == 1:
@@ -109,7 +109,7 @@ def _pictures(cameras: Sequence[str]) -> Data:
     return _split("column", [_item(1, _split("row", [_item(1, p) for p in row])) for row in rows])
 
 
-def _picture(camera: str) -> Data:
+def _picture(camera: str) -> Json:
     mode = {
         "imageTopic": f"{channels.PICTURE}{camera}",
         "imageSchemaName": _schemas.IMAGE,
@@ -121,7 +121,7 @@ def _picture(camera: str) -> Data:
     return _panel("Image", camera, {"imageMode": mode, "topics": over})
 
 
-def _plots() -> Data:
+def _plots() -> Json:
     measures = {
         "value": f"{channels.MEASURES_TOPIC}.values",
         "enabled": True,
@@ -142,7 +142,7 @@ def _plots() -> Data:
 _TIME_AXIS = {"xAxisVal": "timestamp"}
 
 
-def _log() -> Data:
+def _log() -> Json:
     return _panel("Log", "log", {"topicToRender": channels.LOG_TOPIC, "minLogLevel": 1})
 
 

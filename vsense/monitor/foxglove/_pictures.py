@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.monitor.foxglove import _shapes
-from vsense.monitor.foxglove._shapes import ARENA_FRAME, Data, Rgba
+from vsense.monitor.foxglove._shapes import ARENA_FRAME, Json, Rgba
 from vsense.vision.cameras.camera import Camera
 from vsense.world.robot_models import EPUCK
 
@@ -46,7 +46,7 @@ class ShownScale:
         return cls(round(width * scale) / width, round(height * scale) / height)
 
 
-def calibration(camera: Camera, shown: ShownScale, utc_ns: int) -> Data:
+def calibration(camera: Camera, shown: ShownScale, utc_ns: int) -> Json:
     """The lens: OpenCV's model of five coefficients for the picture as it comes, not rectified."""
     fx, fy = camera.fx_px * shown.x, camera.fy_px * shown.y
     # A pixel's centre is half a pixel from its corner, at any scale.
@@ -65,7 +65,7 @@ def calibration(camera: Camera, shown: ShownScale, utc_ns: int) -> Data:
     }
 
 
-def frame(camera: Camera, utc_ns: int) -> Data:
+def frame(camera: Camera, utc_ns: int) -> Json:
     """Where the camera's optical frame is in the arena."""
     to_arena = np.reshape(camera.rotation, (3, 3)).T
     turn, name = _shapes.matrix_turn(to_arena), _shapes.camera_frame(camera.id)
@@ -80,7 +80,7 @@ def marks(
     radii_m: Mapping[int, float],
     shown: ShownScale,
     utc_ns: int,
-) -> Data:
+) -> Json:
     """Circle, heading and name of each robot that was read in a camera's picture.
 
     `images` are this camera's rows of `/arena`'s `images`, in columns; `heights_m` the markers'
@@ -120,7 +120,7 @@ def _arms(
     return camera.project(edges) - camera.project(middles)
 
 
-def _circle(stamp: Data, centre: NDArray[np.float64], radius_px: float) -> Data:
+def _circle(stamp: Json, centre: NDArray[np.float64], radius_px: float) -> Json:
     return {
         "timestamp": stamp,
         "position": _pixel(centre),
@@ -131,7 +131,7 @@ def _circle(stamp: Data, centre: NDArray[np.float64], radius_px: float) -> Data:
     }
 
 
-def _headings(stamp: Data, centres: NDArray[np.float64], ends: NDArray[np.float64]) -> Data:
+def _headings(stamp: Json, centres: NDArray[np.float64], ends: NDArray[np.float64]) -> Json:
     points = np.stack((centres, ends), axis=1).reshape(-1, 2)
     return {
         "timestamp": stamp,
@@ -144,7 +144,7 @@ def _headings(stamp: Data, centres: NDArray[np.float64], ends: NDArray[np.float6
     }
 
 
-def _label(stamp: Data, centre: NDArray[np.float64], radius_px: float, text: str) -> Data:
+def _label(stamp: Json, centre: NDArray[np.float64], radius_px: float, text: str) -> Json:
     """A text right above the circle, beginning at its middle."""
     return {
         "timestamp": stamp,
@@ -156,5 +156,5 @@ def _label(stamp: Data, centre: NDArray[np.float64], radius_px: float, text: str
     }
 
 
-def _pixel(point: NDArray[np.float64]) -> Data:
+def _pixel(point: NDArray[np.float64]) -> Json:
     return {"x": round(float(point[0]), _DECIMALS), "y": round(float(point[1]), _DECIMALS)}

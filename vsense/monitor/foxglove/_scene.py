@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from vsense.monitor.foxglove import _shapes
-from vsense.monitor.foxglove._shapes import ARENA_FRAME, Data, Rgba
+from vsense.monitor.foxglove._shapes import ARENA_FRAME, Json, Rgba
 from vsense.world.robot_models import EPUCK
 
 _WALL: Rgba = (0.55, 0.55, 0.58, 1.0)
@@ -46,7 +46,7 @@ _PNG_SIZE, _PNG_SIZE_AT = struct.Struct(">II"), 16
 _PICTURE_MOST = 4096
 
 
-def world(data: Mapping[str, Any], arena: Mapping[str, Any] | None, utc_ns: int) -> Data:
+def world(data: Mapping[str, Any], arena: Mapping[str, Any] | None, utc_ns: int) -> Json:
     """The scene of `/world`: the arena's edge, and all virtual and physical things.
 
     `arena` is that of `/experiment`, None: it is not known.
@@ -67,7 +67,7 @@ def world(data: Mapping[str, Any], arena: Mapping[str, Any] | None, utc_ns: int)
     return _shapes.scene(utc_ns, entities)
 
 
-def _edge(arena: Mapping[str, Any], utc_ns: int) -> Data:
+def _edge(arena: Mapping[str, Any], utc_ns: int) -> Json:
     (width, depth), (x_m, y_m) = arena["size_m"][:2], arena["centre_m"][:2]
     corners = [(x_m + i * width / 2, y_m + j * depth / 2, 0.0) for i, j in _CORNERS]
     return _shapes.entity(utc_ns, ARENA_FRAME, "arena", lines=[_shapes.line(corners, _EDGE)])
@@ -75,7 +75,7 @@ def _edge(arena: Mapping[str, Any], utc_ns: int) -> Data:
 
 _CORNERS = ((-1, -1), (1, -1), (1, 1), (-1, 1))
 
-Pieces = dict[str, list[Data]]
+Pieces = dict[str, list[Json]]
 
 
 def _box(thing: Mapping[str, Any]) -> Pieces:
@@ -96,7 +96,7 @@ def _paint(thing: Mapping[str, Any]) -> Rgba:
     return _WALL if thing.get("physical") else _VIRTUAL
 
 
-def _lamps(thing: Mapping[str, Any], yaw_rad: float) -> list[Data]:
+def _lamps(thing: Mapping[str, Any], yaw_rad: float) -> list[Json]:
     """The LEDs on a box or cylinder: each an offset in its frame, and a colour."""
     cosine, sine = math.cos(yaw_rad), math.sin(yaw_rad)
     x_m, y_m, z_m = thing["position_m"]
@@ -140,7 +140,7 @@ def _robot(thing: Mapping[str, Any]) -> Pieces:
 _THINGS = {"box": _box, "cylinder": _cylinder, "light": _light, "zone": _zone, "robot": _robot}
 
 
-def _name(thing: Mapping[str, Any], place: _shapes.Coordinates) -> Data:
+def _name(thing: Mapping[str, Any], place: _shapes.Coordinates) -> Json:
     return _shapes.label(place, str(thing["id"]), _TEXT)
 
 
@@ -151,7 +151,7 @@ def robots(
     height_m: Mapping[int, float],
     radius_m: Mapping[int, float],
     utc_ns: int,
-) -> Data:
+) -> Json:
     """The scene of the robots, each in its own frame: it moves with `/tf` alone.
 
     `seen`: whether a camera sees it now, by tag; `objects` are the tags of what is no robot;
@@ -176,7 +176,7 @@ def leds(
     virtual: Mapping[int, Sequence[float]],
     radius_m: Mapping[int, float],
     utc_ns: int,
-) -> Data:
+) -> Json:
     """The scene of LEDs that are on: the robots' own by their bits, and virtual ones by colour.
 
     Bits 0 to 7 are the ring, clockwise from the front, 8 the body, 9 the front.
@@ -202,7 +202,7 @@ def leds(
     return _shapes.scene(utc_ns, entities)
 
 
-def cones(data: Sequence[Mapping[str, Any]], utc_ns: int) -> Data:
+def cones(data: Sequence[Mapping[str, Any]], utc_ns: int) -> Json:
     """The scene of the pollution's cones, which are convex, on the floor."""
     entities = []
     for number, cone in enumerate(data):
@@ -215,7 +215,7 @@ def cones(data: Sequence[Mapping[str, Any]], utc_ns: int) -> Data:
     return _shapes.scene(utc_ns, entities)
 
 
-def field(data: Mapping[str, Any], utc_ns: int) -> Data:
+def field(data: Mapping[str, Any], utc_ns: int) -> Json:
     """The grid of one of `/fields`: its bytes as they are, 255 where it is highest."""
     x_m, y_m = data["corner_m"]
     columns = int(data["columns"])
@@ -228,7 +228,7 @@ def field(data: Mapping[str, Any], utc_ns: int) -> Data:
     }
 
 
-def floor(data: Mapping[str, Any], utc_ns: int) -> Data | None:
+def floor(data: Mapping[str, Any], utc_ns: int) -> Json | None:
     """The grid of the floor's picture, red, green, blue and opacity; None: it has none."""
     if data.get("png") is None:
         return None
@@ -262,7 +262,7 @@ def floor(data: Mapping[str, Any], utc_ns: int) -> Data | None:
 
 def _grid(
     corner: _shapes.Coordinates, columns: int, cell: _shapes.Coordinates, utc_ns: int
-) -> Data:
+) -> Json:
     return {
         "timestamp": _shapes.stamp(utc_ns),
         "frame_id": ARENA_FRAME,

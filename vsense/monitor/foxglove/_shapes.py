@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-Data = dict[str, Any]
+Json = dict[str, Any]
 Rgba = tuple[float, float, float, float]
 Coordinates = Sequence[float]
 
@@ -38,24 +38,24 @@ def camera_frame(camera: str) -> str:
     return f"camera/{camera}"
 
 
-def stamp(utc_ns: int) -> Data:
+def stamp(utc_ns: int) -> Json:
     """A time in ns since 1970."""
     sec, nsec = divmod(min(max(utc_ns, 0), _LATEST_NS), _SECOND_NS)
     return {"sec": sec, "nsec": nsec}
 
 
-def xy(point: Coordinates) -> Data:
+def xy(point: Coordinates) -> Json:
     """The first two numbers of a point."""
     return {"x": round(float(point[0]), _METRES), "y": round(float(point[1]), _METRES)}
 
 
-def xyz(point: Coordinates) -> Data:
+def xyz(point: Coordinates) -> Json:
     """A point or vector of three numbers."""
     x, y, z = point
     return dict(zip("xyz", (round(float(v), _METRES) for v in (x, y, z))))
 
 
-def yaw_turn(yaw_rad: float) -> Data:
+def yaw_turn(yaw_rad: float) -> Json:
     """The quaternion of a turn about z."""
     half = yaw_rad / 2.0
     return {
@@ -66,7 +66,7 @@ def yaw_turn(yaw_rad: float) -> Data:
     }
 
 
-def matrix_turn(matrix: ArrayLike) -> Data:
+def matrix_turn(matrix: ArrayLike) -> Json:
     """The quaternion of a 3x3 rotation matrix, of length 1 and with w >= 0.
 
     Its largest component is found first, so that nothing is divided by almost 0. Source: Shepperd,
@@ -87,12 +87,12 @@ def matrix_turn(matrix: ArrayLike) -> Data:
     return dict(zip("wxyz", (round(float(v), _TURNS) for v in unit)))
 
 
-def pose(point: Coordinates = (0.0, 0.0, 0.0), yaw_rad: float = 0.0) -> Data:
+def pose(point: Coordinates = (0.0, 0.0, 0.0), yaw_rad: float = 0.0) -> Json:
     """A position and a turn about z."""
     return {"position": xyz(point), "orientation": yaw_turn(yaw_rad)}
 
 
-def color(rgba: Rgba) -> Data:
+def color(rgba: Rgba) -> Json:
     """A colour."""
     return dict(zip("rgba", (round(v, 3) for v in rgba)))
 
@@ -103,7 +103,7 @@ def from_bytes(rgb: Sequence[float], opacity: float = 1.0) -> Rgba:
     return red, green, blue, opacity
 
 
-def transform(utc_ns: int, parent: str, child: str, point: Coordinates, turn: Data) -> Data:
+def transform(utc_ns: int, parent: str, child: str, point: Coordinates, turn: Json) -> Json:
     """Where the frame `child` is in `parent`."""
     return {
         "timestamp": stamp(utc_ns),
@@ -114,17 +114,17 @@ def transform(utc_ns: int, parent: str, child: str, point: Coordinates, turn: Da
     }
 
 
-def cube(middle: Coordinates, size: Coordinates, rgba: Rgba, yaw_rad: float = 0.0) -> Data:
+def cube(middle: Coordinates, size: Coordinates, rgba: Rgba, yaw_rad: float = 0.0) -> Json:
     """A box; `size` is its extent along its own x, y and z. A sphere has the same fields."""
     return {"pose": pose(middle, yaw_rad), "size": xyz(size), "color": color(rgba)}
 
 
-def sphere(middle: Coordinates, diameter_m: float, rgba: Rgba) -> Data:
+def sphere(middle: Coordinates, diameter_m: float, rgba: Rgba) -> Json:
     """A ball."""
     return cube(middle, (diameter_m,) * 3, rgba)
 
 
-def cylinder(base: Coordinates, radius_m: float, height_m: float, rgba: Rgba) -> Data:
+def cylinder(base: Coordinates, radius_m: float, height_m: float, rgba: Rgba) -> Json:
     """An upright cylinder; `base` is the middle of its lower face."""
     middle = (base[0], base[1], base[2] + height_m / 2.0)
     size = (2.0 * radius_m, 2.0 * radius_m, height_m)
@@ -132,7 +132,7 @@ def cylinder(base: Coordinates, radius_m: float, height_m: float, rgba: Rgba) ->
     return {**solid, "bottom_scale": 1.0, "top_scale": 1.0}
 
 
-def arrow(tail: Coordinates, yaw_rad: float, length_m: float, rgba: Rgba) -> Data:
+def arrow(tail: Coordinates, yaw_rad: float, length_m: float, rgba: Rgba) -> Json:
     """A horizontal arrow, whose head is its last third."""
     return {
         "pose": pose(tail, yaw_rad),
@@ -150,7 +150,7 @@ LOOP, SEGMENTS = 1, 2
 
 def line(
     points: Iterable[Coordinates], rgba: Rgba, kind: int = LOOP, width_px: float = 2.0
-) -> Data:
+) -> Json:
     """Lines of a width in pixels of the screen."""
     return {
         "type": kind,
@@ -164,7 +164,7 @@ def line(
     }
 
 
-def fan(points: Sequence[Coordinates], rgba: Rgba) -> Data:
+def fan(points: Sequence[Coordinates], rgba: Rgba) -> Json:
     """A convex area, as triangles from its first corner."""
     first = points[0]
     corners = [corner for pair in pairwise(points[1:]) for corner in (first, *pair)]
@@ -177,7 +177,7 @@ def fan(points: Sequence[Coordinates], rgba: Rgba) -> Data:
     }
 
 
-def label(point: Coordinates, text: str, rgba: Rgba, size_px: float = 14.0) -> Data:
+def label(point: Coordinates, text: str, rgba: Rgba, size_px: float = 14.0) -> Json:
     """A text that faces the viewer, with a height in pixels of the screen."""
     return {
         "pose": pose(point),
@@ -192,7 +192,7 @@ def label(point: Coordinates, text: str, rgba: Rgba, size_px: float = 14.0) -> D
 _KINDS = ("arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models")
 
 
-def entity(utc_ns: int, frame: str, name: str, **pieces: list[Data]) -> Data:
+def entity(utc_ns: int, frame: str, name: str, **pieces: list[Json]) -> Json:
     """A thing of a scene, which stays until it is replaced and moves with its frame.
 
     `pieces` are lists of solids by the schema's names: `cubes`, `lines`, `texts`, ...
@@ -208,7 +208,7 @@ def entity(utc_ns: int, frame: str, name: str, **pieces: list[Data]) -> Data:
     }
 
 
-def scene(utc_ns: int, entities: list[Data]) -> Data:
+def scene(utc_ns: int, entities: list[Json]) -> Json:
     """A whole scene: what was there before and is not in it goes.
 
     It is whole because a viewer that jumps to another time is given the newest message only. What

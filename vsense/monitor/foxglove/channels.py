@@ -17,7 +17,7 @@ import cv2
 from vsense.base.message_bus import Message
 from vsense.monitor.foxglove import _pictures, _scene, _schemas, _shapes
 from vsense.monitor.foxglove._pictures import ShownScale
-from vsense.monitor.foxglove._shapes import ARENA_FRAME, Data
+from vsense.monitor.foxglove._shapes import ARENA_FRAME, Json
 from vsense.vision.cameras.camera import Camera, CameraError
 
 PICTURE = _shapes.PICTURE
@@ -65,7 +65,7 @@ class Derived:
     topic: str
     schema: str
     time_ns: int
-    data: Data
+    data: Json
 
 
 def schema_of(topic: str) -> str:
@@ -147,11 +147,11 @@ class Channels:
         """Makes everything anew: who looks has dropped what was told, as after a jump in time."""
         self._sent.clear()
 
-    def _derived_message(self, topic: str, message: Message, data: Data) -> Derived:
+    def _derived_message(self, topic: str, message: Message, data: Json) -> Derived:
         return Derived(topic, schema_of(topic), message.time_ns, data)
 
     def _if_new(
-        self, topic: str, key: object, message: Message, make: Callable[[int], Data | None]
+        self, topic: str, key: object, message: Message, make: Callable[[int], Json | None]
     ) -> Iterator[Derived]:
         """Makes a message where it is wanted and `key`, all that is in it, is another."""
         if self._wants(topic) and self._sent.get(topic) != key:
@@ -293,6 +293,6 @@ class Channels:
         return self._derived_message(LOG_TOPIC, message, {**data, "file": "", "line": 0})
 
 
-def _transform(utc_ns: int, tag: int, x_m: float, y_m: float, yaw_rad: float) -> Data:
+def _transform(utc_ns: int, tag: int, x_m: float, y_m: float, yaw_rad: float) -> Json:
     frame, turn = _shapes.robot_frame(tag), _shapes.yaw_turn(yaw_rad)
     return _shapes.transform(utc_ns, ARENA_FRAME, frame, (x_m, y_m, 0.0), turn)

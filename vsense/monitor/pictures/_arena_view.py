@@ -8,7 +8,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from vsense.base.canvas import INK, MUTED, SCALE, Canvas, Colour, Floats, Image
+from vsense.base.arena import Floats, Image
+from vsense.base.canvas import INK, MUTED, SCALE, Canvas, Colour
 from vsense.monitor.pictures._projections import FromAbove, upright
 from vsense.monitor.pictures._scene import ArenaMoment, draw_ground, draw_scene
 

@@ -9,7 +9,8 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from vsense.base.canvas import Canvas, Colour, Floats, Image
+from vsense.base.arena import Floats, Image
+from vsense.base.canvas import Canvas, Colour
 from vsense.monitor.pictures._projections import ThroughLens
 from vsense.monitor.pictures._scene import ArenaMoment, draw_ground, draw_scene
 from vsense.vision.cameras.camera import Camera

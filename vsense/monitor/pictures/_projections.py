@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.canvas import Floats, Image
+from vsense.base.arena import Floats, Image
 from vsense.vision.cameras.camera import (
     NEAR_PLANE_M,
     Camera,

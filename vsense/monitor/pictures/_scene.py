@@ -13,7 +13,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.canvas import INK, MUTED, Canvas, Colour, Floats, Image, width_of
+from vsense.base.arena import Floats, Image
+from vsense.base.canvas import INK, MUTED, Canvas, Colour, width_of
 from vsense.monitor.pictures._projections import Projection, upright
 from vsense.monitor.pictures._world_snapshot import Lamp, Patch, Solid, WorldSnapshot
 from vsense.world.robot_models import EPUCK

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.canvas import Image
+from vsense.base.arena import Image
 from vsense.vision.cameras.camera import NEAR_PLANE_M, Camera, Image32, everywhere, window_radius
 from vsense.world.entities import Arena
 

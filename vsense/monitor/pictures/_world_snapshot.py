@@ -17,7 +17,7 @@ from vsense.world.fields import Floor
 from vsense.world.world import World
 
 if TYPE_CHECKING:
-    from vsense.base.canvas import Floats, Image
+    from vsense.base.arena import Floats, Image
 
 Rgb = tuple[int, int, int]
 

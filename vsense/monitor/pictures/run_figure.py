@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.arena import Frame
-from vsense.base.canvas import GRID, INK, MUTED, SCALE, Canvas, Colour, Floats, Image, width_of
+from vsense.base.arena import Floats, Frame, Image
+from vsense.base.canvas import GRID, INK, MUTED, SCALE, Canvas, Colour, width_of
 from vsense.base.errors import VsenseError
 from vsense.base.terminal import spoken
 from vsense.config.specs import Experiment

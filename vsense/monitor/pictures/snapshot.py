@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.arena import UNNAMED, ArenaState, Frame
-from vsense.base.canvas import FONT, INK, MUTED, Canvas, Colour, Floats, Image
+from vsense.base.arena import UNNAMED, ArenaState, Floats, Frame, Image
+from vsense.base.canvas import FONT, INK, MUTED, Canvas, Colour
 from vsense.monitor.pictures._camera_view import as_they_hang, levels_of, lightened
 from vsense.monitor.pictures._projections import ThroughLens
 from vsense.vision.cameras.camera import Camera

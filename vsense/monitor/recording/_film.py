@@ -10,7 +10,8 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from vsense.base.canvas import INK, MUTED, Canvas, Colour, Image, width_of
+from vsense.base.arena import Image
+from vsense.base.canvas import INK, MUTED, Canvas, Colour, width_of
 from vsense.base.terminal import spoken
 from vsense.monitor.pictures import _arena_view
 from vsense.monitor.pictures._camera_view import CameraPanels, shape_of

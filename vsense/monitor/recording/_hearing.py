@@ -24,7 +24,7 @@ _NEAR_M = 0.1
 """A sender is at most so far from where its message comes from: noise, and moves meanwhile."""
 _KEPT = 64
 
-Pose = tuple[float, float, float]
+PlanarPose = tuple[float, float, float]
 
 
 class _Ears(NamedTuple):
@@ -49,7 +49,7 @@ class Hearing:
         self._controller_of = experiment.controller_of()
         self._ears = [_ears_of(controller) for controller in experiment.controllers]
         self._said_m = [controller.get("said_range_m") for controller in experiment.controllers]
-        self._states: deque[tuple[int, dict[int, Pose]]] = deque(maxlen=_KEPT)
+        self._states: deque[tuple[int, dict[int, PlanarPose]]] = deque(maxlen=_KEPT)
 
     def see(self, data: Mapping[str, Any]) -> None:
         """Takes an arena state."""
@@ -92,7 +92,12 @@ class Hearing:
                 yield [data["timestep"], tag, other, 0, distances[other], None, None, age_s]
 
     def _sender(
-        self, tag: int, pose: Pose, range_m: float, bearing_rad: float, others: Mapping[int, Pose]
+        self,
+        tag: int,
+        pose: PlanarPose,
+        range_m: float,
+        bearing_rad: float,
+        others: Mapping[int, PlanarPose],
     ) -> int:
         """The nearest robot to where a message comes from; -1: none is near."""
         x, y, yaw = pose
@@ -118,7 +123,7 @@ def _ears_of(controller: Mapping[str, Any]) -> _Ears | None:
     return None
 
 
-def _is_ahead(pose: Pose, other: Pose, view_rad: float) -> bool:
+def _is_ahead(pose: PlanarPose, other: PlanarPose, view_rad: float) -> bool:
     """Whether a robot is within an angle around straight ahead."""
     x, y, yaw = pose
     bearing_rad = math.atan2(other[1] - y, other[0] - x) - yaw

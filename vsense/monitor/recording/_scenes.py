@@ -17,7 +17,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from vsense.base.canvas import Floats
+from vsense.base.arena import Floats
 from vsense.base.message_bus import Message
 from vsense.monitor.pictures._scene import ArenaMoment, Senses
 from vsense.monitor.pictures._world_snapshot import WorldSnapshot, floor_raster, grid, make_snapshot

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import cv2
 
-from vsense.base.canvas import Image
+from vsense.base.arena import Image
 from vsense.base.errors import failing_as
 from vsense.monitor.recording.form import RecordingError
 

@@ -53,7 +53,7 @@ _HEADERS = {
 }
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 
-Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+RequestHandler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
 class Site:
@@ -105,7 +105,7 @@ class Site:
         self._listener.fault(origin, error)
 
     @web.middleware
-    async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+    async def _guard(self, request: web.Request, handler: RequestHandler) -> web.StreamResponse:
         """Refuses requests from elsewhere before anything else."""
         self._listener.begin(request)
         try:

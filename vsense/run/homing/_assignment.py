@@ -15,9 +15,9 @@ from collections.abc import Callable, Hashable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.arena import Floats
 from vsense.config.specs import Pose
 
-Floats = NDArray[np.float64]
 Way = Callable[[Pose, Pose], float]
 """How long the way from a place to a home is [m]; infinite where there is none."""
 

@@ -11,9 +11,8 @@ from collections.abc import Hashable, Mapping
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vsense.base.arena import ArenaState, wrap_angle
+from vsense.base.arena import ArenaState, Floats, wrap_angle
 from vsense.config.specs import Pose
 from vsense.robots.link.table import STAY, Goal
 from vsense.run.homing._assignment import Way, assign, straight_m
@@ -33,8 +32,6 @@ from vsense.run.homing.robots import (
     apart_m,
 )
 from vsense.world.robot_models import EPUCK, RobotModel
-
-Floats = NDArray[np.float64]
 
 YIELD_M_S = 0.06
 """The speed with which a robot at its home makes way for others."""

@@ -9,11 +9,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vsense.base.arena import wrap_angle
-
-Floats = NDArray[np.float64]
+from vsense.base.arena import Floats, wrap_angle
 
 MAX_M_S = 0.12
 """Fastest drive, the daemon's."""

@@ -15,11 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.arena import wrap_angle
+from vsense.base.arena import Floats, wrap_angle
 from vsense.run.homing._motion import CHOICES, HORIZON_STEPS, choices, predict
 from vsense.run.homing.floor import DrivingFloor
-
-Floats = NDArray[np.float64]
 
 COLLISION_STEPS = 4
 """A collision within so many predicted steps (1 s) is ruled out."""

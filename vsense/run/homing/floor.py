@@ -13,14 +13,12 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vsense.base.arena import Floats, Point
 from vsense.config.geofence import Geofence
 from vsense.config.specs import Experiment
 from vsense.world.entities import Arena, Box, Cylinder
 from vsense.world.physics.motion import obstacles
 from vsense.world.robot_models import EPUCK
-
-Floats = NDArray[np.float64]
-Point = tuple[float, float]
 
 GRID_CELL_M = 0.04
 """Side of a cell of the grid; larger where an arena would have more than `MAX_GRID_CELLS`."""

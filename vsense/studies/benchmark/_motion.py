@@ -32,12 +32,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.arena import wrap_angle
+from vsense.base.arena import Floats, wrap_angle
 from vsense.monitor.recording.form import ExperimentMessage, RecordingError
 from vsense.monitor.recording.reader import Recording
 from vsense.world.robot_models import EPUCK, WHEELS, RobotModel
 
-Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 HINDERED_M = 0.03

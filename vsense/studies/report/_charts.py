@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vsense.base.canvas import Floats
+from vsense.base.arena import Floats
 from vsense.base.terminal import spoken
 from vsense.monitor import recording
 from vsense.studies.report import _plot

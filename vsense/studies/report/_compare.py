@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from vsense.base.canvas import Floats
+from vsense.base.arena import Floats
 from vsense.base.terminal import spoken
 from vsense.monitor import recording
 from vsense.run.runs_csv import RunRow

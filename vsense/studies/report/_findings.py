@@ -10,14 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vsense.base.arena import Floats
 from vsense.monitor.recording.form import RecordingError
 from vsense.monitor.recording.reader import Gap, Recording, open_recording
 from vsense.studies.report._flow import SILENCE_LIMIT_NS, Interval, LinkHealth
 from vsense.studies.report._gather import Gatherer, RobotTrack, gather
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

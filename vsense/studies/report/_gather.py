@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vsense.base.arena import Floats
 from vsense.base.message_bus import Message
 from vsense.monitor import recording
 from vsense.monitor.recording.form import ORDERS_TOPIC, PARTS, RunMessage
@@ -20,8 +20,6 @@ from vsense.monitor.recording.reader import Recording
 from vsense.studies.report._facts import MOST_ASPECT, MOST_M, Facts, clock_ns, number, read_facts
 from vsense.studies.report._flow import FINE, UNSEEN, CameraCounts, Flow, SeenRobots, Strips
 from vsense.world.entities import Arena
-
-Floats = NDArray[np.float64]
 
 MAP_CELL_M = 0.05
 """Occupancy is counted in squares of this side."""

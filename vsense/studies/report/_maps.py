@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import cv2
 import numpy as np
 
-from vsense.base.canvas import Floats
+from vsense.base.arena import Floats
 from vsense.studies.report._facts import entities, number, numbers
 from vsense.studies.report._findings import Findings
 from vsense.studies.report._gather import DAMAGED_MESSAGE, MAP_CELL_M, Gatherer

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vsense.base.canvas import Floats
+from vsense.base.arena import Floats
 from vsense.base.errors import UsageError, VsenseError
 from vsense.base.terminal import spoken
 

@@ -23,9 +23,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from vsense.base.arena import Floats
 
 LOOKS = (8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 400)
 """After so many pairs is looked."""

@@ -17,13 +17,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from vsense.base.arena import Floats
 from vsense.base.errors import UsageError
 from vsense.base.terminal import Console, spoken
 from vsense.studies.notebook import checked, console_of, interruptible
 from vsense.studies.report import _plot
 from vsense.studies.series import _sequential, _sides
 from vsense.studies.series._parts import PlannedExperiment
-from vsense.studies.series._sequential import BETTER, NOT_CLEAR, NOT_WORSE, WORSE, Floats, Shift
+from vsense.studies.series._sequential import BETTER, NOT_CLEAR, NOT_WORSE, WORSE, Shift
 from vsense.studies.series._sides import NEW, OLD
 from vsense.studies.series._trials import GrowingRuns, Objective, TrialOptions
 

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from vsense.base.canvas import Floats
+    from vsense.base.arena import Floats
 
 RUNS, TRIALS, BATCH = 5, 50, 4
 _HEIGHT_IN = 2.4

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.arena import Image
 from vsense.vision.cameras.health import DARK_LEVEL
-from vsense.vision.cameras.picture import Image
 from vsense.vision.tracking.marker_detector import CellWidth
 
 WHITE_GREY, BLACK_GREY = 254, 1

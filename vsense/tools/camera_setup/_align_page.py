@@ -17,13 +17,13 @@ from typing import Any
 import cv2
 import numpy as np
 
+from vsense.base.arena import Floats, Image
 from vsense.base.errors import UsageError, VsenseError
 from vsense.base.terminal import printable_json
 from vsense.vision.calibration import alignment
 from vsense.vision.calibration.alignment import Alignment
 from vsense.vision.calibration.frame import FrameShift
-from vsense.vision.cameras.camera import Camera, Floats
-from vsense.vision.cameras.picture import Image
+from vsense.vision.cameras.camera import Camera
 
 HOST = "127.0.0.1"
 _FILES = {

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.arena import Image
 from vsense.tools.camera_setup._advice import (
     ExposureReading,
     PictureScale,
@@ -17,7 +18,6 @@ from vsense.tools.camera_setup._advice import (
     brightness,
     noise,
 )
-from vsense.vision.cameras.picture import Image
 from vsense.vision.cameras.source import EXPOSURE, GAIN, Controls
 from vsense.vision.markers.families import MarkerFamily, SquareFamily
 from vsense.vision.tracking.marker_finder import FoundMarkers, MarkerFinder

@@ -9,13 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
+from vsense.base.arena import Floats
 from vsense.base.errors import UsageError
 from vsense.base.terminal import Console, interruption, print_data
 from vsense.tools.camera_setup._align_page import AlignServer, AlignTask
 from vsense.vision.calibration import alignment
 from vsense.vision.calibration.alignment import Alignment
 from vsense.vision.calibration.session import cameras_of
-from vsense.vision.cameras.camera import Camera, Floats
+from vsense.vision.cameras.camera import Camera
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,18 +15,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.arena import Image
 from vsense.base.canvas import FONT, INK, Colour
 from vsense.base.errors import GrabberError, UsageError, failing_as
 from vsense.base.terminal import Console, print_data, printable
 from vsense.tools.camera_setup.showing import save_picture
-from vsense.vision.cameras.picture import (
-    ENDINGS,
-    Image,
-    PictureError,
-    pictures_in,
-    read_picture,
-    to_grey,
-)
+from vsense.vision.cameras.picture import ENDINGS, PictureError, pictures_in, read_picture, to_grey
 from vsense.vision.tracking.squares import LEAST_SIDE_PX, SquareFinder, codes_of
 
 TAG_ROW = ("picture", "tag", "x1_px", "y1_px", "x2_px", "y2_px", "x3_px", "y3_px", "x4_px", "y4_px")

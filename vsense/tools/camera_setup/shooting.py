@@ -15,7 +15,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-from vsense.base.arena import Frame
+from vsense.base.arena import Frame, Image
 from vsense.base.clock import host_ns
 from vsense.base.errors import GrabberError, UsageError, VsenseError
 from vsense.base.terminal import Console, interruption, print_data
@@ -23,7 +23,6 @@ from vsense.config import resources as resources_file
 from vsense.tools.camera_setup.showing import save_picture
 from vsense.vision.calibration.board import Board, CornerFinder
 from vsense.vision.cameras.grabber import Grabber, Troubles
-from vsense.vision.cameras.picture import Image
 from vsense.vision.cameras.source import GenicamSettings
 from vsense.vision.tracking.opening import live_grabber
 from vsense.vision.tracking.single_camera import Size, free, make, session_of

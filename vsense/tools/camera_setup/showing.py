@@ -12,7 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from vsense.base.arena import POSE, ArenaState, Frame
+from vsense.base.arena import POSE, ArenaState, Frame, Image
 from vsense.base.clock import host_ns
 from vsense.base.errors import GrabberError, UsageError, VsenseError
 from vsense.base.terminal import Console, interruption, print_data
@@ -22,7 +22,6 @@ from vsense.monitor.ui.room import ControlRoom, RoomOptions
 from vsense.tools.camera_setup.files import choose
 from vsense.vision.cameras.grabber import CameraEvent, Troubles
 from vsense.vision.cameras.health import Health
-from vsense.vision.cameras.picture import Image
 from vsense.vision.cameras.source import Controls
 from vsense.vision.markers.families import load_family
 from vsense.vision.tracking.marker_finder import MarkerFinder

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 
+from vsense.base.arena import Image
 from vsense.base.clock import host_ns
 from vsense.base.errors import GrabberError, UsageError
 from vsense.base.terminal import Console, LiveBlock, interruption, print_data
@@ -20,7 +21,6 @@ from vsense.tools.camera_setup._panel import Tuner
 from vsense.tools.camera_setup.files import choose
 from vsense.tools.camera_setup.showing import WARM_UP
 from vsense.vision.cameras.camera import Camera as Calibration
-from vsense.vision.cameras.picture import Image
 from vsense.vision.cameras.source import Controls
 from vsense.vision.markers.families import load_family
 from vsense.vision.tracking.marker_finder import MarkerFinder

@@ -16,12 +16,13 @@ from typing import ClassVar
 
 import numpy as np
 
+from vsense.base.arena import Floats
 from vsense.config.specs import ControllerSpec, Experiment
 from vsense.robots import build
 from vsense.world.actuators.base import MountedActuator, RowNumbers
 from vsense.world.entities import Box, Cylinder
 from vsense.world.sensors.base import MountedSensor, Readings, Robots
-from vsense.world.sensors.quality import Floats, Scale
+from vsense.world.sensors.quality import Scale
 from vsense.world.world import World
 
 CALIBRATE = "calibrate"

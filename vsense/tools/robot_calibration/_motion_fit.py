@@ -28,14 +28,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vsense.base.arena import wrap_angle
+from vsense.base.arena import Floats, wrap_angle
 from vsense.base.errors import VsenseError
 from vsense.config.roster_fields import MarkerOffset
 from vsense.world.robot_models import RobotModel
-
-Floats = NDArray[np.float64]
 
 PARAMETERS = ("left", "right", "axle", "marker_x", "marker_y", "marker_yaw")
 """In this order in covariances: shares, shares, shares of nominal, m, m, rad."""

@@ -11,8 +11,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vsense.base.arena import Floats, Point
 from vsense.base.errors import UsageError
 from vsense.config.arena import floor_of
 from vsense.config.specs import Experiment
@@ -21,8 +21,6 @@ from vsense.tools.robot_calibration._sensor_fit import wall_m
 from vsense.world.entities import Arena, Box
 from vsense.world.physics.motion import obstacles
 from vsense.world.robot_models import RobotModel
-
-Floats = NDArray[np.float64]
 
 AROUND_M = 0.012
 """Kept around the body of a robot that stands: markers sit up to some millimetres off."""
@@ -179,8 +177,6 @@ class FreeFloor:
                 if given is not None:
                     yield body_m, given
 
-
-Point = tuple[float, float]
 
 _GAP_SHARES = (3.0, 2.0, 1.4, 1.0)
 _ALONE_M = 0.015

@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from vsense.base.arena import Floats
 from vsense.base.terminal import aligned
 from vsense.config.roster import RosterRobot
 from vsense.modes.lab.hardware import RobotHardware, scales
 from vsense.tools.robot_calibration._commanding import PROXIMITY
 from vsense.tools.robot_calibration._motion_fit import PARAMETERS, MotionFit
-from vsense.tools.robot_calibration._sensor_fit import Floats, SensorFit
+from vsense.tools.robot_calibration._sensor_fit import SensorFit
 from vsense.world.robot_models import EPUCK, RING_SENSORS
 
 _SENSOR_HEAD = ("sensor", "nothing:wall, black:white, raw", "left over", "wall off", "readings")

@@ -15,7 +15,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from vsense.base.arena import wrap_angle
+from vsense.base.arena import Floats, Point, wrap_angle
 from vsense.run.homing.floor import DrivingFloor
 from vsense.tools.robot_calibration._commanding import GROUND, OWN_SENSORS, PROXIMITY, OwnReadings
 from vsense.tools.robot_calibration._places import (
@@ -24,7 +24,6 @@ from vsense.tools.robot_calibration._places import (
     Area,
     FreeFloor,
     GroundPlaces,
-    Point,
     WallSpot,
     alone_m,
     gaps_m,
@@ -41,7 +40,6 @@ from vsense.tools.robot_calibration._routine import (
 )
 from vsense.tools.robot_calibration._sensor_fit import (
     BadReadings,
-    Floats,
     SensorFit,
     WallLook,
     fit_ground,

@@ -21,13 +21,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from vsense.base.arena import wrap_angle
+from vsense.base.arena import Floats, wrap_angle
 from vsense.base.errors import VsenseError
 from vsense.world.robot_models import RobotModel
-
-Floats = NDArray[np.float64]
 
 STRAIGHT_RAD = math.radians(12.0)
 """A sensor that looks at the wall less straight than this is not compared with the table."""

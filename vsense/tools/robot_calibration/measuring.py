@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from vsense.base import clock
+from vsense.base.arena import Point
 from vsense.base.errors import CutShort, UsageError, VsenseError
 from vsense.base.terminal import Console, aligned, interruption, print_data
 from vsense.config import roster
@@ -37,7 +38,7 @@ from vsense.tools.robot_calibration._commanding import (
     commanded,
 )
 from vsense.tools.robot_calibration._driving import SwarmCalibration
-from vsense.tools.robot_calibration._places import Point, ground_places, spots
+from vsense.tools.robot_calibration._places import ground_places, spots
 from vsense.tools.robot_calibration._results import RobotResult
 from vsense.tools.robot_calibration._sensing import Sensing, unmeasured
 from vsense.tools.robot_calibration._wiggle import Verdict, WiggleCheck, WiggledRobot, exchanged

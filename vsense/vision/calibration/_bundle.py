@@ -19,8 +19,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.arena import Floats, Ints
 from vsense.vision.calibration.frame import turn
-from vsense.vision.cameras.camera import Camera, Floats
+from vsense.vision.cameras.camera import Camera
 
 LENS_SIZE = 9
 NEAREST_DEPTH_M = 1e-3
@@ -102,7 +103,6 @@ def undistorted(lens: Floats, pixels: Floats) -> Floats:
     return camera.to_plane(pixels, 0.0) * (1.0, -1.0)
 
 
-Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 POSE_SIZE = 6

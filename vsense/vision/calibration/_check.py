@@ -15,12 +15,13 @@ from typing import Any
 
 import numpy as np
 
+from vsense.base.arena import Floats
 from vsense.base.errors import ConfigError
 from vsense.vision.calibration._placement import SEEN_COLUMNS
 from vsense.vision.calibration._views import number_at, read_table
 from vsense.vision.calibration.checked import digest
 from vsense.vision.calibration.frame import FrameShift
-from vsense.vision.cameras.camera import Camera, Floats
+from vsense.vision.cameras.camera import Camera
 
 PLACE_COLUMNS = ("id", "x_m", "y_m")
 HEIGHT_COLUMN = "z_m"

@@ -11,6 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from vsense.base.arena import Floats
 from vsense.vision.calibration._bundle import (
     CAMERA_SIZE,
     LENS_SIZE,
@@ -36,7 +37,6 @@ from vsense.vision.calibration._solution import (
 from vsense.vision.calibration._views import BoardViews, View
 from vsense.vision.calibration.board import Board
 from vsense.vision.calibration.frame import BoardPose
-from vsense.vision.cameras.camera import Floats
 
 LEAST_VIEWS = 5
 """Different poses of the board that a lens needs."""

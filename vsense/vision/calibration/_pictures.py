@@ -17,9 +17,10 @@ from typing import TypeVar
 
 import cv2
 
+from vsense.base.arena import Image
 from vsense.base.errors import UsageError
 from vsense.vision.cameras._recordings import CaptureTime, read_timestamps
-from vsense.vision.cameras.picture import ENDINGS, Image, PictureError, read_picture, to_grey
+from vsense.vision.cameras.picture import ENDINGS, PictureError, read_picture, to_grey
 
 T = TypeVar("T")
 

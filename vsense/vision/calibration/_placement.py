@@ -15,13 +15,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from vsense.base.arena import Floats, Image
 from vsense.base.errors import ConfigError, UsageError
 from vsense.vision.calibration._bundle import LENS_SIZE, project, undistorted
 from vsense.vision.calibration._solution import CalibrationError
 from vsense.vision.calibration._views import View, number_at, read_table
 from vsense.vision.calibration.frame import BoardPose
-from vsense.vision.cameras.camera import Floats
-from vsense.vision.cameras.picture import Image
 from vsense.vision.markers._dictionary import dictionary_name
 
 POINT_COLUMNS = ("id", "x_m", "y_m", "z_m")

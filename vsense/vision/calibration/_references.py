@@ -7,6 +7,7 @@ from pathlib import Path
 
 import cv2
 
+from vsense.base.arena import Image
 from vsense.base.errors import UsageError
 from vsense.vision.calibration._pictures import PictureFile, inspect
 from vsense.vision.cameras._reference import (
@@ -18,7 +19,6 @@ from vsense.vision.cameras._reference import (
     read_reference,
     reference_path,
 )
-from vsense.vision.cameras.picture import Image
 
 
 def backgrounds(pictures: Sequence[PictureFile]) -> dict[str, Image]:

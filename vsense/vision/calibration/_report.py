@@ -16,12 +16,13 @@ from typing import Any
 import cv2
 import numpy as np
 
-from vsense.base.canvas import GRID, INK, MUTED, Canvas, Colour, Image, round_number, width_of
+from vsense.base.arena import Floats, Image
+from vsense.base.canvas import GRID, INK, MUTED, Canvas, Colour, round_number, width_of
 from vsense.base.terminal import aligned
 from vsense.vision.calibration._bundle import lens_of
 from vsense.vision.calibration._solution import BoardCheck, Solution, ViewResult, rms
 from vsense.vision.calibration.board import Board
-from vsense.vision.cameras.camera import Camera, Floats
+from vsense.vision.cameras.camera import Camera
 from vsense.vision.tracking._legibility import Legibility
 
 _COOL = np.array((250.0, 246.0, 240.0))

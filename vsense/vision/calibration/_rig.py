@@ -8,6 +8,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.arena import Floats
 from vsense.vision.calibration._bundle import (
     CAMERA_SIZE,
     POSE_SIZE,
@@ -37,7 +38,6 @@ from vsense.vision.calibration._solution import (
 from vsense.vision.calibration._views import BoardViews, View
 from vsense.vision.calibration.board import Board
 from vsense.vision.calibration.frame import BoardPose
-from vsense.vision.cameras.camera import Floats
 
 REFINE_SIGMA = (0.005, 0.005, 0.005, 0.005, 0.02, 0.05, 0.002, 0.002, 0.05)
 """Standard deviations of a calibrated lens: fx, fy as shares of the focal length, cx, cy of the

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.arena import Floats
 from vsense.base.errors import VsenseError
 from vsense.vision.calibration._bundle import Sightings, lens_of, project, undistorted
 from vsense.vision.calibration._views import View
 from vsense.vision.calibration.board import Board
-from vsense.vision.cameras.camera import Camera, Floats
+from vsense.vision.cameras.camera import Camera
 
 _REJECT_TIMES = 3.0
 _REJECT_PX = 0.5

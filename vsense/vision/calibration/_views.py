@@ -14,10 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
+from vsense.base.arena import Floats, Ints
 from vsense.base.errors import ConfigError, UsageError
 from vsense.base.files import MOST_TABLE_BYTES, read_text
-from vsense.vision.calibration.board import Ints
-from vsense.vision.cameras.camera import Floats
 
 _DIGITS_MAX = 9
 

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from vsense.base.arena import Floats, Image
 from vsense.base.errors import UsageError, failing_as
 from vsense.base.files import parse_json, replace_text
 from vsense.base.terminal import aligned
@@ -28,8 +29,7 @@ from vsense.vision.calibration._pictures import gather, inspect
 from vsense.vision.calibration.checked import CAMERA_CHECK_FILE as CHECK
 from vsense.vision.calibration.frame import FrameShift
 from vsense.vision.calibration.session import cameras_of
-from vsense.vision.cameras.camera import Camera, Floats
-from vsense.vision.cameras.picture import Image
+from vsense.vision.cameras.camera import Camera
 
 CORNERS = ("sw", "se", "ne", "nw")
 """Names of an arena's corners: south is low y, west low x."""

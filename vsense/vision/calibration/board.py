@@ -13,14 +13,11 @@ from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
+from vsense.base.arena import Floats, Image, Ints
 from vsense.base.errors import UsageError
-from vsense.vision.cameras.picture import Image
 from vsense.vision.markers._dictionary import dictionary_name
-from vsense.vision.markers._paper import Fill, Floats, Page, Text, line
-
-Ints = NDArray[np.int64]
+from vsense.vision.markers._paper import Fill, Page, Text, line
 
 CHESSBOARD = "chessboard"
 CHARUCO = "charuco"

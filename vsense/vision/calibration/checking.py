@@ -12,6 +12,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from vsense.base.arena import Floats, Image
 from vsense.base.errors import UsageError, VsenseError
 from vsense.base.terminal import Console, aligned, print_data
 from vsense.vision.calibration import _check, _references
@@ -24,8 +25,7 @@ from vsense.vision.calibration.board import Board, CornerFinder
 from vsense.vision.calibration.checked import CAMERA_CHECK_FILE
 from vsense.vision.calibration.frame import FrameShift
 from vsense.vision.calibration.session import REPORT_FOLDER, cameras_of
-from vsense.vision.cameras.camera import Camera, Floats
-from vsense.vision.cameras.picture import Image
+from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import load_family
 from vsense.vision.tracking._detector import make_detector
 from vsense.vision.tracking._legibility import legibility

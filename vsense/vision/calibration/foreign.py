@@ -18,6 +18,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from vsense.base.arena import Floats
 from vsense.base.errors import ConfigError, UsageError
 from vsense.base.files import read_text
 from vsense.base.terminal import Console, print_data
@@ -25,7 +26,7 @@ from vsense.base.toml import TomlFile
 from vsense.vision.calibration._bundle import camera_of
 from vsense.vision.calibration._references import keep
 from vsense.vision.calibration.session import cameras_of
-from vsense.vision.cameras.camera import Camera, CameraError, Floats
+from vsense.vision.cameras.camera import Camera, CameraError
 
 FORMATS = {"opencv": "yml", "ros": "yaml", "caliscope": "toml"}
 """Formats that are written, and the endings of their files."""

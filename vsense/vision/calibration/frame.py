@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vsense.vision.cameras.camera import Camera, Floats
+from vsense.base.arena import Floats
+from vsense.vision.cameras.camera import Camera
 
 
 @dataclass(frozen=True, slots=True)

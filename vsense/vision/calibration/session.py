@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.arena import Floats, Image
 from vsense.base.errors import UsageError
 from vsense.base.files import read_text
 from vsense.base.terminal import Console, print_data
@@ -32,8 +33,7 @@ from vsense.vision.calibration._rig import Rig, RigSolver, Trust
 from vsense.vision.calibration._solution import Solution, check_board
 from vsense.vision.calibration._views import BoardViews, View, read_corners, write_corners
 from vsense.vision.calibration.board import Board, CornerFinder, page
-from vsense.vision.cameras.camera import Camera, Floats
-from vsense.vision.cameras.picture import Image
+from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers import _paper
 
 Corners = tuple[NDArray[np.int64], Floats]

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from vsense.base.arena import Image
 from vsense.base.errors import failing_as
 from vsense.vision.cameras._networks import (
     CONTROL,
@@ -23,7 +24,7 @@ from vsense.vision.cameras._networks import (
     several,
 )
 from vsense.vision.cameras.aravis import AravisError, call, listed, load
-from vsense.vision.cameras.picture import Image, PictureError
+from vsense.vision.cameras.picture import PictureError
 
 BUFFERS = 8
 """For the driver, the camera's newest, the tracker, the double buffer, the world and recorders."""

@@ -13,9 +13,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.arena import Floats
 from vsense.vision.cameras.camera import Camera, distort, undistort
 
-Floats = NDArray[np.float64]
 Index = NDArray[np.intp]
 Chosen = NDArray[np.bool_]
 

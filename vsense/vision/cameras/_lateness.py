@@ -15,8 +15,8 @@ from statistics import median
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from vsense.base.arena import Floats
 from vsense.vision.cameras.source import Shot
 
 TRANSFERS = 64
@@ -140,7 +140,6 @@ def jump_in_words(jump_ns: int) -> str:
     return f"{'ahead' if jump_ns > 0 else 'back'} by {abs(jump_ns) / 1e9:.2f} s"
 
 
-Floats = NDArray[np.float64]
 _Way = deque[tuple[int, float, float]]
 _Pair = tuple[str, str]
 

@@ -6,11 +6,11 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from vsense.base.arena import Found
+from vsense.base.arena import Found, Image
 from vsense.base.errors import GrabberError
 from vsense.vision.cameras._lateness import PICTURES, FrameTiming, jump_in_words
 from vsense.vision.cameras._recorded_grabber import wrong_size
-from vsense.vision.cameras.picture import Image, LatePicture, PictureError
+from vsense.vision.cameras.picture import LatePicture, PictureError
 from vsense.vision.cameras.source import FIRST_S, Shot, Source, silence_s
 
 WHOLE = 10

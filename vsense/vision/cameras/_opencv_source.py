@@ -11,8 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.arena import Image
 from vsense.base.errors import GrabberError
-from vsense.vision.cameras.picture import Image, PictureError, decode, is_jpeg, to_grey
+from vsense.vision.cameras.picture import PictureError, decode, is_jpeg, to_grey
 from vsense.vision.cameras.source import Controls, Shot, absent, refused, said
 
 _SILENT = 0

@@ -15,12 +15,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.arena import Frame
+from vsense.base.arena import Frame, Image
 from vsense.base.errors import GrabberError, NoMorePictures
 from vsense.vision.cameras._lateness import jump_in_words
 from vsense.vision.cameras._recordings import CaptureTime
 from vsense.vision.cameras.grabber import CameraEvent
-from vsense.vision.cameras.picture import Image, PictureError
+from vsense.vision.cameras.picture import PictureError
 
 READ_AHEAD = 2
 """Timesteps that are read ahead."""

@@ -18,16 +18,10 @@ from pathlib import Path
 
 import cv2
 
+from vsense.base.arena import Image
 from vsense.base.errors import ConfigError, GrabberError
 from vsense.base.files import MOST_TABLE_BYTES, read_text
-from vsense.vision.cameras.picture import (
-    ENDINGS,
-    Image,
-    PictureError,
-    pictures_in,
-    read_picture,
-    to_grey,
-)
+from vsense.vision.cameras.picture import ENDINGS, PictureError, pictures_in, read_picture, to_grey
 
 STAMPS = ("picture", "timestep", "capture_ns", "capture_s")
 

@@ -17,12 +17,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.arena import Frame
+from vsense.base.arena import Floats, Frame, Image
 from vsense.base.errors import VsenseError
 from vsense.vision.cameras.grabber import CameraEvent
-from vsense.vision.cameras.picture import Image, PictureError, read_picture
-
-Floats = NDArray[np.float64]
+from vsense.vision.cameras.picture import PictureError, read_picture
 
 MOVED_SINCE_PX = 1.5
 """From this displacement on a camera has moved since its calibration. Pictures of cameras that

@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.arena import Floats
 from vsense.base.errors import VsenseError
 from vsense.base.files import parse_json
 
@@ -139,8 +140,6 @@ def within_disc(start: Floats, end: Floats, radius: float) -> tuple[float, float
     first, last = max(middle - half**0.5, 0.0), min(middle + half**0.5, 1.0)
     return (first, last) if first < last else None
 
-
-Floats = NDArray[np.float64]
 
 _UNDISTORT_STEPS = 12
 _STEP_M = 0.01

@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.arena import UNNAMED, Frame
+from vsense.base.arena import UNNAMED, Floats, Frame
 from vsense.vision.cameras._lateness import CameraDelays
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.cameras.grabber import CameraEvent
@@ -289,7 +289,6 @@ def _timed(camera: str, late_s: float | None) -> CameraEvent:
 LOST_SHIFT_PX = float("inf")
 """The shift of a camera whose background is not found any more."""
 
-Floats = NDArray[np.float64]
 
 _WIDTH_PX = 400
 _PATCHES = 32

@@ -10,10 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.arena import Image
 from vsense.base.errors import GrabberError
 from vsense.base.files import read_bytes
-
-Image = NDArray[np.uint8]
 
 MOST_PICTURE_BYTES = 512 << 20
 MOST_PICTURE_PIXELS = 50_000_000

@@ -6,8 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Protocol
 
-from vsense.base.arena import Found
-from vsense.vision.cameras.picture import Image
+from vsense.base.arena import Found, Image
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,12 +14,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.arena import Floats
 from vsense.base.errors import UsageError, VsenseError, instead
 
 if TYPE_CHECKING:
     import cv2
-
-Floats = NDArray[np.float64]
 
 
 class FamilyError(VsenseError):

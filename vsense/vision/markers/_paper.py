@@ -15,9 +15,8 @@ from itertools import pairwise
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from vsense.base.arena import Floats, Image
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,8 +77,6 @@ def dashed_circle(x_mm: float, y_mm: float, radius_mm: float, width_mm: float) -
         strokes.append(Stroke(points, width_mm, 0.55))
     return strokes
 
-
-Image = NDArray[np.uint8]
 
 MM_PER_INCH = 25.4
 

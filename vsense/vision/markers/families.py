@@ -23,9 +23,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.arena import Floats
 from vsense.base.errors import UsageError, instead
 from vsense.base.files import parse_json, read_text
-from vsense.vision.markers._dictionary import FamilyError, Floats, SquareFamily, parse_square
+from vsense.vision.markers._dictionary import FamilyError, SquareFamily, parse_square
 
 BLURS_U = np.arange(0.10, 0.86, 0.04)
 """Standard deviations of the blur for which code words are kept, in units u."""

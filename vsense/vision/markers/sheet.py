@@ -13,19 +13,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.arena import Floats
 from vsense.base.errors import UsageError, failing_as
 from vsense.vision.markers._dictionary import SquareFamily
-from vsense.vision.markers._paper import (
-    Fill,
-    Floats,
-    Page,
-    Text,
-    dashed_circle,
-    document,
-    draw,
-    line,
-    png,
-)
+from vsense.vision.markers._paper import Fill, Page, Text, dashed_circle, document, draw, line, png
 from vsense.vision.markers.families import MarkerFamily, load_family, parse_tags
 
 AnyFamily = MarkerFamily | SquareFamily

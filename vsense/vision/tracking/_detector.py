@@ -15,6 +15,7 @@ import numpy as np
 
 from vsense.base.arena import UNNAMED
 from vsense.vision.markers.families import MarkerFamily, SquareFamily
+from vsense.vision.tracking._joining import Tags
 from vsense.vision.tracking._naming import (
     Decoder,
     carry_names,
@@ -26,7 +27,7 @@ from vsense.vision.tracking._naming import (
 from vsense.vision.tracking._prediction import MarkerSearch, Prediction
 from vsense.vision.tracking._rows import Rows, are_near, is_in
 from vsense.vision.tracking._workers import Picture, Workers
-from vsense.vision.tracking.marker_detector import Detected, MarkerDetector, Tags
+from vsense.vision.tracking.marker_detector import Detected, MarkerDetector
 
 
 class Detector(Protocol):

@@ -19,7 +19,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.arena import UNNAMED
+from vsense.base.arena import UNNAMED, Floats
 from vsense.vision.markers.families import (
     BLURS_U,
     MarkerFamily,
@@ -30,7 +30,6 @@ from vsense.vision.markers.families import (
 )
 from vsense.vision.tracking._views import MERGE_M
 
-Floats = NDArray[np.float64]
 Tags = NDArray[np.int32]
 
 _LEAST_ERROR = 0.015

@@ -14,15 +14,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.arena import Floats, Image
 from vsense.base.native import check, kernel_ffi, kernels
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import MarkerFamily, SquareFamily
 from vsense.vision.tracking._outlines import EDGE_REACH_U, Pass, make_outline, shape_of
 from vsense.vision.tracking._squares_words import words_of
 from vsense.vision.tracking.mask import Blocks, Mask, blocks_of
-
-Floats = NDArray[np.float64]
-Image = NDArray[np.uint8]
 
 _CELLS = (kernels.VS_OUTLINE_CELLS,)
 MARKER = np.dtype(

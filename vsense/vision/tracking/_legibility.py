@@ -18,13 +18,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.arena import Floats
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import MarkerFamily, SquareFamily
 from vsense.vision.tracking._kernel import sizes_at
 from vsense.vision.tracking.marker_detector import CellWidth, cell_width
 from vsense.vision.tracking.mask import Mask
-
-Floats = NDArray[np.float64]
 
 COLUMNS = 80
 """Places along a picture's width that are enough for shares of it."""

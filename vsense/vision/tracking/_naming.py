@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.arena import UNNAMED
+from vsense.base.arena import UNNAMED, Floats
 from vsense.base.native import kernel_ffi, kernels
 from vsense.vision.cameras._camera_array import Index
 from vsense.vision.markers.families import (
@@ -27,13 +27,11 @@ from vsense.vision.markers.families import (
     normal_share,
     outer_light,
 )
-from vsense.vision.tracking._joining import unlisted_tag_reader
+from vsense.vision.tracking._joining import Tags, unlisted_tag_reader
 from vsense.vision.tracking._kernel import MARKER
 from vsense.vision.tracking._outlines import EDGE_REACH_U, SHARPNESS, nearest_blur
 from vsense.vision.tracking._prediction import Anonymous, Prediction
 from vsense.vision.tracking._rows import Rows, are_near, gather, is_in, single_pairs
-
-Tags = NDArray[np.int32]
 
 _MOST_UNEXPLAINED, _LEAST_VARIED = 0.6, 0.1
 """The error may be this share of how much the word's own cells differ: a word that explains less is
@@ -140,8 +138,6 @@ def _per_length(words: NDArray[np.float32], grid: int) -> NDArray[np.float32]:
     left = (words**2).sum(axis=-2) - ((even.T @ words) ** 2).sum(axis=-2)
     return np.asarray(1.0 / np.sqrt(np.maximum(left, 1e-6)), dtype=np.float32)
 
-
-Floats = NDArray[np.float64]
 
 _ALIKE = 0.22
 """Root mean square difference of cells to a tag's word at which they may still be it."""

@@ -20,13 +20,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.arena import Found
+from vsense.base.arena import Found, Image
 from vsense.base.errors import VsenseError
 from vsense.base.files import parse_json
 from vsense.base.native import ffi, lib
 from vsense.vision.cameras._camera_array import CameraArray
 from vsense.vision.cameras.grabber import CameraEvent
-from vsense.vision.cameras.picture import Image, PictureError, decode
+from vsense.vision.cameras.picture import PictureError, decode
 from vsense.vision.tracking._node_rows import (
     NODE_FORMAT,
     Expectation,

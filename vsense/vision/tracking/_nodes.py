@@ -17,13 +17,13 @@ from typing import Any
 
 import numpy as np
 
-from vsense.base.arena import Found
+from vsense.base.arena import Found, Image
 from vsense.base.errors import GrabberError, VsenseError
 from vsense.vision.cameras._recorded_grabber import CameraRecording
 from vsense.vision.cameras._recordings import CaptureTime
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.cameras.grabber import CameraEvent
-from vsense.vision.cameras.picture import Image, LatePicture, PictureError
+from vsense.vision.cameras.picture import LatePicture, PictureError
 from vsense.vision.cameras.source import Shot, Source, silence_s
 from vsense.vision.tracking._detector import Detector
 from vsense.vision.tracking._joining import UnlistedTags

@@ -16,8 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.arena import Floats
 from vsense.base.native import kernel_ffi, kernels
-from vsense.vision.markers._dictionary import FamilyError, Floats
+from vsense.vision.markers._dictionary import FamilyError
 from vsense.vision.markers.families import BLURS_U, SPOTS, MarkerFamily, SquareFamily, normal_share
 
 Pass = tuple[float, int, int, float, float]

@@ -14,14 +14,12 @@ from statistics import median
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.arena import ArenaState, wrap_angle
+from vsense.base.arena import ArenaState, Floats, wrap_angle
 from vsense.vision.cameras._camera_array import CameraArray, Index
 from vsense.vision.markers.families import MarkerFamily, SquareFamily
 from vsense.vision.tracking._joining import UnlistedTags
 from vsense.vision.tracking._rows import Rows, is_in
 from vsense.vision.tracking.mask import Mask
-
-Floats = NDArray[np.float64]
 
 EXPECTED = np.dtype(
     [

@@ -12,9 +12,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.arena import Floats
 from vsense.vision.cameras._camera_array import Index
-
-Floats = NDArray[np.float64]
 
 SAME_ROBOT_M = 0.03
 """What is farther than this from where a robot is expected is another one: a robot is 0.07 wide."""

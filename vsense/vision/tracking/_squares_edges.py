@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.vision.markers._dictionary import Floats
+from vsense.base.arena import Floats
 
 _CORNER = 0.08
 _GLANCES = np.linspace(0.15, 0.85, 6)

@@ -13,8 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.arena import Floats
 from vsense.base.native import kernel_ffi, kernels
-from vsense.vision.markers._dictionary import Codes, FamilyError, Floats, SquareFamily
+from vsense.vision.markers._dictionary import Codes, FamilyError, SquareFamily
 from vsense.vision.tracking._outlines import edge_sharpness
 from vsense.vision.tracking._squares_edges import sample_grey
 

@@ -13,11 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.arena import POSE, wrap_angle
+from vsense.base.arena import POSE, Floats, wrap_angle
 from vsense.vision.tracking._rows import is_in
 from vsense.vision.tracking._views import HEIGHT_DOUBT_M, VIEW, covariances
-
-Floats = NDArray[np.float64]
 
 _LATER_S = 0.1
 """So much later than its picture a row may be exposed."""

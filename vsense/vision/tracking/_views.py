@@ -16,12 +16,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.arena import DETECTION, IMAGE_POSE, UNNAMED, turned, wrap_angle
+from vsense.base.arena import DETECTION, IMAGE_POSE, UNNAMED, Floats, turned, wrap_angle
 from vsense.vision.cameras._camera_array import CameraArray, Index
 from vsense.vision.tracking._rows import stack_rows
 from vsense.vision.tracking.specs import PlacedMarker
-
-Floats = NDArray[np.float64]
 
 VIEW = np.dtype(
     [

@@ -20,11 +20,11 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.arena import Found
+from vsense.base.arena import Found, Image
 from vsense.vision.cameras._camera_array import Index
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import MarkerFamily, SquareFamily
-from vsense.vision.tracking._kernel import MARKER, Image, Kernel, scales_of
+from vsense.vision.tracking._kernel import MARKER, Kernel, scales_of
 from vsense.vision.tracking._prediction import MarkerSearch
 from vsense.vision.tracking._rows import Rows, each_once, gather, stack_rows
 from vsense.vision.tracking.mask import Mask

@@ -29,8 +29,6 @@ from vsense.vision.tracking._views import (
 from vsense.vision.tracking._workers import Picture, Workers
 from vsense.vision.tracking.specs import PlacedMarker
 
-Floats = NDArray[np.float64]
-
 
 @dataclass(slots=True)
 class TrackerCounters:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.arena import ArenaState, Frame
+from vsense.base.arena import ArenaState, Floats, Frame
 from vsense.base.errors import GrabberError, NoMorePictures, VsenseError
 from vsense.vision.cameras._paced_grabber import HeldPlayer
 from vsense.vision.cameras._reference import ReferenceWatch
@@ -18,7 +18,7 @@ from vsense.vision.cameras.grabber import CameraEvent, Grabber, Troubles
 from vsense.vision.cameras.health import Health
 from vsense.vision.tracking._marker_watch import MarkerWatch
 from vsense.vision.tracking._nodes import Nodes
-from vsense.vision.tracking._views import Floats, ahead_m, heading_px_rad
+from vsense.vision.tracking._views import ahead_m, heading_px_rad
 from vsense.vision.tracking.arena_tracker import ArenaTracker
 
 CHECK_NS = 80_000_000

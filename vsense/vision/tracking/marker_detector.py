@@ -30,19 +30,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.arena import DETECTION, UNNAMED
+from vsense.base.arena import DETECTION, UNNAMED, Floats, Image
 from vsense.vision.cameras._camera_array import CameraArray, Index
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import BLURS_U, FamilyError, MarkerFamily, SquareFamily
-from vsense.vision.tracking._joining import UnlistedTags
-from vsense.vision.tracking._kernel import MARKER, Image
+from vsense.vision.tracking._joining import Tags, UnlistedTags
+from vsense.vision.tracking._kernel import MARKER
 from vsense.vision.tracking._outlines import OutlineCovariance, nearest_blur, shape_of
 from vsense.vision.tracking._prediction import EXPECTED, MarkerSearch, Prediction, at_height
 from vsense.vision.tracking._rows import Rows, are_near, each_once, gather, is_in, join
 from vsense.vision.tracking._workers import Kernels, Picture, Workers
-
-Floats = NDArray[np.float64]
-Tags = NDArray[np.int32]
 
 _THOROUGH = 4
 """Of a camera, every so many key frames get a second look (see `_is_quick`): small newcomers wait

@@ -13,10 +13,9 @@ from itertools import count
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.arena import DETECTION, IMAGE_POSE, UNNAMED
+from vsense.base.arena import DETECTION, IMAGE_POSE, UNNAMED, Image
 from vsense.vision.cameras._camera_array import CameraArray
 from vsense.vision.cameras.camera import Camera
-from vsense.vision.cameras.picture import Image
 from vsense.vision.markers.families import MarkerFamily, SquareFamily
 from vsense.vision.tracking._detector import make_detector
 from vsense.vision.tracking._prediction import Prediction

@@ -15,12 +15,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.arena import Floats, Image
 from vsense.base.errors import VsenseError
 from vsense.base.native import kernels
 from vsense.vision.cameras.camera import Camera
-
-Floats = NDArray[np.float64]
-Image = NDArray[np.uint8]
 
 MASK_MARGIN_M = 0.05
 """Usual margin: markers of robots that touch the arena's border are inside."""

@@ -20,14 +20,14 @@ from typing import Any
 import cv2
 import numpy as np
 
-from vsense.base.arena import UNLISTED, Found, Frame
+from vsense.base.arena import UNLISTED, Found, Frame, Image
 from vsense.base.errors import GrabberError, VsenseError, instead
 from vsense.base.files import parse_json
 from vsense.vision.cameras._opencv_source import teach_opencv
 from vsense.vision.cameras._recorded_grabber import CameraRecording, wrong_size
 from vsense.vision.cameras.grabber import CameraEvent, Grabber
 from vsense.vision.cameras.health import Health
-from vsense.vision.cameras.picture import Image, PictureError
+from vsense.vision.cameras.picture import PictureError
 from vsense.vision.tracking._detector import CameraDetectors
 from vsense.vision.tracking._node_link import EVENT_KINDS, families_of
 from vsense.vision.tracking._node_rows import (

@@ -12,14 +12,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.arena import Floats
 from vsense.base.errors import UsageError, instead
-from vsense.vision.markers._dictionary import (
-    Codes,
-    FamilyError,
-    Floats,
-    dictionary_name,
-    load_codes,
-)
+from vsense.vision.markers._dictionary import Codes, FamilyError, dictionary_name, load_codes
 from vsense.vision.markers.families import SquareFamily, known_families, load_family
 from vsense.vision.tracking._squares_edges import Sides, fit_local_corners, fit_sides, glance
 from vsense.vision.tracking._squares_words import WordReader

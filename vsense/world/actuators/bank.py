@@ -16,11 +16,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.arena import Floats
 from vsense.base.native import kernel_ffi
 from vsense.world.actuators.base import ActuatorError, ApplyFunction, MountedActuator, RowNumbers
 from vsense.world.sensors.bank import TableEntry
 from vsense.world.sensors.base import NUMBERS, layout_dtype
-from vsense.world.sensors.quality import Delay, Distortion, Floats, Quality, generator
+from vsense.world.sensors.quality import Delay, Distortion, Quality, generator
 from vsense.world.sightings import NEVER_NS
 from vsense.world.world import World
 

@@ -23,9 +23,10 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.arena import Floats
 from vsense.base.errors import VsenseError
 from vsense.base.native import kernel_ffi
-from vsense.world.sensors.quality import Floats, Quality, Scale
+from vsense.world.sensors.quality import Quality, Scale
 from vsense.world.world import World
 
 RowNumbers = NDArray[np.intp]

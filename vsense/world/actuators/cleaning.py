@@ -18,11 +18,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vsense.base.arena import Floats
 from vsense.base.xml.element import Element
 from vsense.world.actuators.base import RowNumbers
 from vsense.world.pollution import PollutantSource
 from vsense.world.sensors.base import Scope
-from vsense.world.sensors.quality import Floats, Scale
+from vsense.world.sensors.quality import Scale
 from vsense.world.world import World
 
 ELEMENTS = ("virtual_cleaning_actuator",)

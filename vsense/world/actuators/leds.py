@@ -25,13 +25,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vsense.base.arena import Floats
 from vsense.base.native import kernel_ffi, kernels
 from vsense.base.xml.element import Element
 from vsense.world.actuators.base import ApplyFunction, RowNumbers, VirtualActuator, apply_in_c
 from vsense.world.robot_models import RobotModel
 from vsense.world.sensors.base import Robots, Scope
 from vsense.world.sensors.geometry import rows_of
-from vsense.world.sensors.quality import Floats, Scale
+from vsense.world.sensors.quality import Scale
 from vsense.world.world import World
 
 ELEMENTS = ("virtual_leds_actuator",)

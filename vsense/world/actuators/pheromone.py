@@ -20,13 +20,14 @@ from typing import Any
 
 import numpy as np
 
+from vsense.base.arena import Floats
 from vsense.base.native import check, kernel_ffi, kernels
 from vsense.base.xml.element import Element
 from vsense.world.actuators.base import ApplyFunction, RowNumbers
 from vsense.world.fields import MAX_CONCENTRATION
 from vsense.world.sensors.base import Robots, Scope
 from vsense.world.sensors.geometry import SensedScene
-from vsense.world.sensors.quality import Floats, Scale
+from vsense.world.sensors.quality import Scale
 from vsense.world.world import World
 
 ELEMENTS = ("virtual_pheromone_actuator",)

@@ -23,12 +23,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vsense.base.arena import Floats
 from vsense.base.native import kernel_ffi, kernels, random_in_c
 from vsense.world.entities import Box, Cylinder
 from vsense.world.robot_models import EPUCK, RobotModel
 from vsense.world.sensors.quality import generator
-
-Floats = NDArray[np.float64]
 
 _PAIR = np.dtype([("robot", "u4"), ("other", "u4")])
 """`struct vs_pair`."""

@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vsense.base.arena import POSE, wrap_angle
+from vsense.base.arena import POSE, Floats, wrap_angle
 from vsense.base.native import check, kernel_ffi, kernels
 from vsense.base.xml.element import Element
 from vsense.world.fields import Floor
 from vsense.world.rays import MovingBodies
 from vsense.world.robot_models import EPUCK, InfraredModel, RobotModel
 from vsense.world.sensors.base import ReadFunction, Readings, Robots
-from vsense.world.sensors.quality import Floats
 from vsense.world.world import World
 
 NEAREST_M = 0.01

@@ -18,8 +18,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+from vsense.base.arena import Point
 from vsense.base.xml.element import Element
-from vsense.world.robot_models import Point
 from vsense.world.sensors.base import ReadFunction, Readings, Robots, Scope
 from vsense.world.sensors.geometry import GroundPoints, read_in_c
 from vsense.world.sensors.quality import Scale

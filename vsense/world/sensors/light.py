@@ -34,6 +34,7 @@ from typing import Any
 
 import numpy as np
 
+from vsense.base.arena import Floats
 from vsense.base.native import kernel_ffi, kernels
 from vsense.base.xml.element import Element
 from vsense.world.robot_models import EPUCK, InfraredModel
@@ -45,7 +46,7 @@ from vsense.world.sensors.geometry import (
     field_of_view,
     read_in_c,
 )
-from vsense.world.sensors.quality import Floats, Scale
+from vsense.world.sensors.quality import Scale
 from vsense.world.world import World
 
 ELEMENTS = ("virtual_light_sensor",)

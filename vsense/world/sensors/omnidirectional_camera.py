@@ -27,13 +27,14 @@ from typing import Any
 
 import numpy as np
 
+from vsense.base.arena import Floats
 from vsense.base.native import kernel_ffi, kernels, random_in_c
 from vsense.base.xml.element import Element
 from vsense.world.entities import Box, Cylinder
 from vsense.world.robot_models import EPUCK
 from vsense.world.sensors.base import ReadFunction, Readings, Robots, Scope
 from vsense.world.sensors.geometry import read_in_c, without_empty
-from vsense.world.sensors.quality import Floats, Scale
+from vsense.world.sensors.quality import Scale
 from vsense.world.world import World
 
 ELEMENTS = ()

@@ -43,11 +43,9 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.arena import wrap_angle
+from vsense.base.arena import Floats, wrap_angle
 from vsense.base.errors import VsenseError, instead
 from vsense.base.xml.element import Element
-
-Floats = NDArray[np.float64]
 
 NOISES = ("noise_level", "noise_std_dev")
 """The noise that devices have in ARGoS."""

@@ -36,7 +36,7 @@ _FAR_M, _HIGH_M, _STEEP = 100.0, 1.0, 0.8
 """What is farther off was told in mm. What looks steeper (a sine) has no heading on the floor; that
 and a body that is so high or low say that another axis points up."""
 
-Pose = tuple[float, float, float, float, float, float, float]
+BodyPose = tuple[float, float, float, float, float, float, float]
 """x, y, z [m] and the quaternion x, y, z, w of a rigid body."""
 
 
@@ -54,10 +54,10 @@ class RigidBodies:
         self, tags: Mapping[str, int], up: str, repeats: bool, say: Callable[[str], None]
     ) -> None:
         self._tags, self._up, self._repeats, self._say = tags, up, repeats, say
-        self._last: dict[str, tuple[Pose, int]] = {}
+        self._last: dict[str, tuple[BodyPose, int]] = {}
         self._noted: set[str] = set()
 
-    def robots(self, seen: Iterable[tuple[str, Pose]], now_ns: int) -> list[dict[str, Any]]:
+    def robots(self, seen: Iterable[tuple[str, BodyPose]], now_ns: int) -> list[dict[str, Any]]:
         """The robots of a frame, as lines have them, in any order of the bodies."""
         robots = list[dict[str, Any]]()
         for name, pose in seen:
@@ -86,7 +86,7 @@ class RigidBodies:
         row = {"tag": self._tags[name], "x_m": place.x_m, "y_m": place.y_m}
         robots.append(row | {"yaw_rad": place.yaw_rad})
 
-    def _is_new(self, name: str, pose: Pose, now_ns: int) -> bool:
+    def _is_new(self, name: str, pose: BodyPose, now_ns: int) -> bool:
         last, since_ns = self._last.get(name, (None, now_ns))
         if pose != last:
             self._last[name] = pose, now_ns
@@ -110,7 +110,7 @@ class Place(NamedTuple):
     steepness: float
 
 
-def on_floor(pose: Pose, up: str) -> Place:
+def on_floor(pose: BodyPose, up: str) -> Place:
     """Place and heading in a frame whose z points up, of a body that looks along its x.
 
     Where y points up, z points to the viewer, as Motive has it.
@@ -125,7 +125,7 @@ def on_floor(pose: Pose, up: str) -> Place:
     return Place(x_m, y_m, math.atan2(ahead_y, ahead_x), z_m, ahead_z)
 
 
-def poses_of(bodies: Mapping[str, Any]) -> Iterable[tuple[str, Pose]]:
+def poses_of(bodies: Mapping[str, Any]) -> Iterable[tuple[str, BodyPose]]:
     """Names and poses of the library's rigid bodies."""
     for name, body in bodies.items():
         turn = body.rotation

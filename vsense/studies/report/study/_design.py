@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vsense.base.arena import Floats
 from vsense.base.errors import UsageError, instead
 from vsense.run.runs_csv import COLUMNS, MODES, RunRow
 from vsense.studies.report import BY
-from vsense.studies.report.study._rank_tests import Floats
 
 APART = ("experiment", "mode", "condition")
 """Runs that differ in one of these are never pooled."""

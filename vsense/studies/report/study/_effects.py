@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vsense.studies.report.study._rank_tests import Floats
+from vsense.base.arena import Floats
 
 RESAMPLES, FEWER_RESAMPLES = 2_000, 1_000
 """Of the bootstrap; fewer where there are more differences than `_MOST_SORTED`."""

@@ -15,9 +15,8 @@ from dataclasses import dataclass
 from itertools import permutations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from vsense.base.arena import Floats
 
 MOST_EXACT = 50
 """Runs of a condition up to which the rank-sum and signed-rank tests are exact, as in R."""

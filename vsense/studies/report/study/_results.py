@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
+from vsense.base.arena import Floats
 from vsense.base.errors import UsageError, instead
 from vsense.run.runs_csv import RunRow
 from vsense.studies.report import Questions
 from vsense.studies.report.study import _rank_tests
 from vsense.studies.report.study._design import Arm, Study, studies
 from vsense.studies.report.study._effects import EffectSize, Spread, effect_of, spread_of
-from vsense.studies.report.study._rank_tests import Equivalence, Floats, RankTest
+from vsense.studies.report.study._rank_tests import Equivalence, RankTest
 
 MOST_ARMS = 10
 """Conditions that are all compared with each other."""
