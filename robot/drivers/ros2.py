@@ -131,13 +131,13 @@ class Ros2:
                 print("ros2: somebody else sends", self.topic[3:], "too", file=sys.stderr)
 
     def sense(self, report):
-        for odometry in self.odom.take(100):
+        for odometry in valid(self.odom, 100):
             now_s, twist = time.monotonic(), odometry.twist.twist
             turn = twist.angular.z * self.axle_m / 2
             for i, speed in enumerate((twist.linear.x - turn, twist.linear.x + turn)):
                 self.way_m[i] += speed * min(now_s - self.heard_s, OLD_S) if self.heard_s else 0.0
             self.heard_s = now_s
-        for scan in self.scan.take(1):
+        for scan in valid(self.scan, 1):
             self.proximity = [nearness(scan, angle) for angle in ANGLES_RAD]
         if time.monotonic() > self.heard_s + OLD_S:
             raise TimeoutError
@@ -146,6 +146,11 @@ class Ros2:
 
 
 TOPICS = {"/odom": Odometry, "/scan": LaserScan}
+
+
+def valid(reader, most):
+    """Messages; not the word that the one who sent them has gone."""
+    return [m for m in reader.take(most) if isinstance(m, tuple(TOPICS.values()))]
 
 
 def nearness(scan, angle_rad):

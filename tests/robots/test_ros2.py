@@ -130,19 +130,14 @@ def test_a_robot_of_ros_2_gets_twists_and_gives_its_way_and_what_is_near(
     zeros = [0.0] * 36
     head = ros2.Header(ros2.Time(1, 2), "odom")
     pose = ros2.Pose(ros2.Vector3(), ros2.Quaternion(0.0, 0.0, 0.0, 1.0))
+    twist = ros2.Twist(ros2.Vector3(x=0.1), ros2.Vector3(z=0.5))
+    known = ros2.PoseWithCovariance(pose, zeros), ros2.TwistWithCovariance(twist, zeros)
+    odometry = ros2.Odometry(head, "base_link", *known)
 
     def live() -> None:
         driver.order(60_000, 140_000)
         twists.extend(heard.take(10))
-        twist = ros2.Twist(ros2.Vector3(x=0.1), ros2.Vector3(z=0.5))
-        writers["/odom"].write(
-            ros2.Odometry(
-                head,
-                "base_link",
-                ros2.PoseWithCovariance(pose, zeros),
-                ros2.TwistWithCovariance(twist, zeros),
-            )
-        )
+        writers["/odom"].write(odometry)
         step = 6.283185307 / 360
         writers["/scan"].write(
             ros2.LaserScan(head, 0.0, 6.28, step, 0.0, 0.1, 0.05, 4.0, ranges, [])
@@ -160,6 +155,12 @@ def test_a_robot_of_ros_2_gets_twists_and_gives_its_way_and_what_is_near(
     other = DataWriter(domain, commands, qos=ros2.RELIABLE)
     wait_for(lambda: "somebody else sends robot_23/cmd_vel" in driver.said, live, driver)
     del other
+    # Where a robot's program has gone, its messages are disposed of: that is no message.
+    own = DataReader(domain, topics["/odom"], qos=ros2.BEST_EFFORT)
+    wait_for(lambda: ros2.valid(own, 100), live, driver)
+    writers["/odom"].dispose(odometry)
+    wait_for(lambda: own.read(1), lambda: None, driver)
+    assert ros2.valid(own, 100) == []
 
 
 def listen(heard: Any, twists: list[Any]) -> Callable[[], None]:

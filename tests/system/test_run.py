@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -403,7 +404,9 @@ def test_robots_without_a_board_are_driven_from_here(tmp_path: Path, number: int
 
 
 def is_named(pid: int, name: str) -> bool:
-    return Path(f"/proc/{pid}/comm").read_text().strip() == name
+    with suppress(OSError):  # it has just ended
+        return Path(f"/proc/{pid}/comm").read_text().strip() == name
+    return False
 
 
 def parent(pid: int) -> int:

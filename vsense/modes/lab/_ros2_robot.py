@@ -68,7 +68,8 @@ class Ros2Robot:
     def advance(self, now_ns: int) -> list[Outputs]:
         if not self.mute:
             for twist in self._orders.take(16):
-                self._drive(twist, now_ns)
+                if isinstance(twist, self._types["geometry_msgs/Twist"]):  # or who sent it has gone
+                    self._drive(twist, now_ns)
             if now_ns >= self._tell_ns:
                 self._tell_ns = now_ns + TELL_NS
                 self._tell(now_ns)
