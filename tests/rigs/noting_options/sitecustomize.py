@@ -49,9 +49,8 @@ def install(file: Path) -> None:
     def run(command: Any, words: list[str], options: argparse.Namespace) -> int:
         try:
             code = int(command(options))
-        except Exception as error:
-            if getattr(error, "exit_code", 0) > 128:  # a signal has ended it
-                note(words)
+        except KeyboardInterrupt:  # of a signal
+            note(words)
             raise
         if code != 2:
             note(words)
