@@ -14,7 +14,10 @@ import pytest
 import vsense
 from tests.rigs.processes import is_alive
 from tests.system.rehearsal import emulated
+from vsense import cli
 from vsense.base.clock import host_ns
+from vsense.base.errors import CutShort
+from vsense.modes.lab import _report
 from vsense.modes.lab._microcontrollers import read_actuations
 from vsense.run.runs_csv import RUNS, read_runs
 
@@ -57,6 +60,29 @@ def test_the_lab_is_held_by_a_block(tmp_path: Path, capsys: pytest.CaptureFixtur
         "",
         "",
     )
+
+
+def test_a_lab_that_has_no_time_to_draw_has_written_its_row(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def draw(*arguments: object) -> None:
+        raise CutShort(143)
+
+    monkeypatch.setattr(_report, "draw", draw)
+    words = [
+        "lab",
+        "phototaxis",
+        "--robots",
+        "2",
+        "--duration",
+        "1",
+        "--port",
+        "0",
+        "--pace",
+        "0.5",
+    ]
+    assert cli.main([*words, "-o", str(tmp_path / "run")]) == 143
+    assert [row.robots for row in read_runs(tmp_path / "run" / RUNS)] == [2]
 
 
 def test_robots_are_driven_and_what_goes_wrong_is_one_sentence(

@@ -223,11 +223,14 @@ def _report_all(
     summaries, say = list[dict[str, Any]](), session.setup.console.say
     try:
         for number, notes in enumerate(session.recordings, 1):
-            if len(notes.figures.steps):
-                alone = on_stdout and not series.several
-                summaries.append(report_run(session, number, say, alone))
-                if lacks := rows.add(summaries[-1], notes.experiment):
+
+            def keep(summary: dict[str, Any], experiment: Experiment = notes.experiment) -> None:
+                summaries.append(summary)
+                if lacks := rows.add(summary, experiment):
                     session.setup.console.say(lacks, "trouble")
+
+            if len(notes.figures.steps):
+                report_run(session, number, keep, say, on_stdout and not series.several)
             else:
                 say("vsense: the run ended before its first timestep: nothing was measured")
     finally:
@@ -238,19 +241,20 @@ def _report_all(
 def report_run(
     session: Session,
     number: int,
+    keep: Callable[[dict[str, Any]], None],
     say: Callable[[str], None] = lambda text: None,
     on_stdout: bool = False,
-) -> dict[str, Any]:
-    """Measures a run, writes and says its figures, and draws last; gives its summary."""
+) -> None:
+    """Measures a run, writes and says its figures; `keep` takes its summary before it is drawn."""
     notes = session.recordings[number - 1]
     measured = _report.gather(session, notes)
     summary = _report.summarise(session, number, measured)
     say(_report.table(summary))
     run_directory.write_summary(notes.directory, summary, on_stdout)
+    keep(summary)
     if summary["unlogged_timesteps"]:
         say("no picture: the logs end before the run")
-        return summary
+        return
     path = notes.directory / f"{session.experiment.name}.png"
     _report.draw(session, notes, measured, path)
     say(f"picture: {path}")
-    return summary

@@ -71,13 +71,13 @@ class LabRuns:
             return
         notes = session.recordings[-1]
         staged.figures = notes.figures
-        ended, summary = notes.record.ended, None
+        ended, summaries = notes.record.ended, list[dict[str, Any]]()
         if len(notes.figures.steps):
             with suppress(CutShort), self._interrupted.in_time():
-                summary = report_run(session, len(session.recordings))
+                report_run(session, len(session.recordings), summaries.append)
         elif self._interrupted.is_set():
             return
-        yield run, staged.outcome(summary, ended, session.runner.control)
+        yield run, staged.outcome(next(iter(summaries), None), ended, session.runner.control)
         staged.replace_lost(self._cast)
 
     def _rig(self, staged: StagedRun, folder: SeriesFolder) -> CalibratedRig | None:
