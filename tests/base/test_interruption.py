@@ -52,7 +52,7 @@ def test_at_once_it_raises_where_the_program_is(early: bool) -> None:
             with suppress(VsenseError):  # it is no failure
                 come(signal.SIGTERM)
             pytest.fail("it went on")
-        assert caught.value.exit_code == 143
+        assert caught.value.exit_code == 143 and caught.value.args == (143,)
         come(signal.SIGTERM)
 
 

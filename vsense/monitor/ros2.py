@@ -133,7 +133,7 @@ class Ros2Converter:
                 "/tf_static", "tf2_msgs/TFMessage", now_ns, {"transforms": transforms}
             )
         for camera in cameras:
-            topic = f"/{self._cameras[camera.id]}/camera_info"
+            topic = f"/{self._word(camera.id)}/camera_info"
             info = _header(now_ns, self._frame(camera.id)) | camera_info(camera)
             yield Ros2Message(topic, "sensor_msgs/CameraInfo", now_ns, info)
 
@@ -181,11 +181,14 @@ class Ros2Converter:
         stamp_ns = int(message.data.get("capture_ns", message.time_ns)) + self._shift_ns
         fields = _header(stamp_ns, self._frame(camera))
         fields |= {"format": str(message.data["format"]), "data": message.blob}
-        topic = f"/{self._cameras.get(camera) or plain(camera)}/image/compressed"
+        topic = f"/{self._word(camera)}/image/compressed"
         yield Ros2Message(topic, "sensor_msgs/CompressedImage", now_ns, fields)
 
+    def _word(self, camera: str) -> str:
+        return self._cameras.get(camera) or plain(camera)
+
     def _frame(self, camera: str) -> str:
-        return f"{self._cameras.get(camera) or plain(camera)}_optical"
+        return f"{self._word(camera)}_optical"
 
 
 def plain(name: str) -> str:

@@ -221,14 +221,14 @@ def _report_all(
 ) -> list[dict[str, Any]]:
     """Measures, writes and prints the figures of all runs, and gives them."""
     summaries, say = list[dict[str, Any]](), session.setup.console.say
+
+    def keep(summary: dict[str, Any]) -> None:
+        summaries.append(summary)
+        if lacks := rows.add(summary, session.recordings[summary["run"] - 1].experiment):
+            say(lacks, "trouble")
+
     try:
         for number, notes in enumerate(session.recordings, 1):
-
-            def keep(summary: dict[str, Any], experiment: Experiment = notes.experiment) -> None:
-                summaries.append(summary)
-                if lacks := rows.add(summary, experiment):
-                    session.setup.console.say(lacks, "trouble")
-
             if len(notes.figures.steps):
                 report_run(session, number, keep, say, on_stdout and not series.several)
             else:

@@ -294,6 +294,7 @@ class Kernels:
 
 def _pin(turn: int) -> None:
     """Keeps the calling thread on the processor of its turn, where the system can do that."""
-    with suppress(OSError, AttributeError):  # a container may forbid it
-        allowed = sorted(os.sched_getaffinity(0))
-        os.sched_setaffinity(0, {allowed[turn % len(allowed)]})
+    if hasattr(os, "sched_setaffinity"):
+        with suppress(OSError):  # a container may forbid it
+            allowed = sorted(os.sched_getaffinity(0))
+            os.sched_setaffinity(0, {allowed[turn % len(allowed)]})
