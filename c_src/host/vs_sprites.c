@@ -5,6 +5,9 @@
 
 #define INLINE static inline __attribute__((always_inline))
 
+/* So many pixels of a row are looked at together: a compiler makes vectors of them. */
+#define LANES 8
+
 /* Everything below is compiled twice: `wide` for processors that fuse a multiplication and an
  * addition. On others the sum is of double, which rounds otherwise once in 2^29 times. */
 #if defined(__x86_64__)
@@ -27,9 +30,11 @@ static int is_wide(void)
         && (b & bit_AVX2);
 }
 
-INLINE float root_of(float value)
+/* The C library's function is none of a vector's: it has an error to tell. */
+INLINE void roots_of(float *values)
 {
-    return _mm_cvtss_f32(_mm_sqrt_ss(_mm_set_ss(value)));
+    for (int32_t i = 0; i < LANES; i += 4)
+        _mm_storeu_ps(values + i, _mm_sqrt_ps(_mm_loadu_ps(values + i)));
 }
 #else
 #define WIDE
@@ -40,9 +45,10 @@ static int is_wide(void)
     return 1;
 }
 
-INLINE float root_of(float value)
+INLINE void roots_of(float *values)
 {
-    return __builtin_sqrtf(value);
+    for (int32_t i = 0; i < LANES; i++)
+        values[i] = __builtin_sqrtf(values[i]);
 }
 #endif
 
@@ -64,9 +70,6 @@ void vs_sprites_clear(const struct vs_backdrop *backdrop, const struct vs_patch 
     }
 }
 
-/* So many pixels of a row are looked at together: a compiler makes vectors of them. */
-#define LANES 16
-
 /* Where the rays of some pixels meet a texture. */
 struct lanes {
     int32_t at[LANES];     /* the texel to the upper left */
@@ -74,22 +77,25 @@ struct lanes {
     float down[LANES];
 };
 
-/* Returns whether any ray meets what is not 0. The border of a texture is 0, and so is what lies
- * beyond it. Where `coarse`, places are rounded to 1/32 of a texel. */
-INLINE int32_t meet(int wide, const struct vs_sprite *s, int32_t pose, int coarse,
+enum meeting { NOTHING, SOMETHING, THE_CORE };
+
+/* What the rays meet: nothing but 0, or the sprite, or all of them its core. The border of a texture
+ * is 0, and so is what lies beyond it. Where `coarse`, places are rounded to 1/32 of a texel. */
+INLINE enum meeting meet(int wide, const struct vs_sprite *s, int32_t pose, int coarse,
                     const float *x_m, const float *y_m, struct lanes *l)
 {
     const float *column = s->column[pose], *row = s->row[pose], last = (float)(s->side - 1);
-    float middle = 0.5f * last, reach = s->reach * s->reach;
-    int32_t any = 0;
+    float middle = 0.5f * last, reach = s->reach * s->reach, core = s->core * s->core;
+    int32_t any = 0, beyond = 0;
 
     for (int32_t i = 0; i < LANES; i++) {
         float u = fused(wide, x_m[i], column[0], fused(wide, y_m[i], column[1], column[2]));
         float v = fused(wide, x_m[i], row[0], fused(wide, y_m[i], row[1], row[2]));
-        float across = u - middle, along = v - middle;
+        float across = u - middle, along = v - middle, away = across * across + along * along;
         int32_t left, above;
 
-        any |= across * across + along * along < reach;
+        any |= away < reach;
+        beyond |= away >= core;
         u = u > 0.0f ? u : 0.0f;
         v = v > 0.0f ? v : 0.0f;
         u = u < last ? u : last;
@@ -104,7 +110,7 @@ INLINE int32_t meet(int wide, const struct vs_sprite *s, int32_t pose, int coars
         l->right[i] = u - (float)left;
         l->down[i] = v - (float)above;
     }
-    return any;
+    return !any ? NOTHING : beyond ? SOMETHING : THE_CORE;
 }
 
 /* Adds to value [LANES] what the pixels see between four texels of one channel, as OpenCV has
@@ -127,36 +133,62 @@ INLINE void sample(int wide, const struct vs_sprite *s, const struct lanes *l, f
     }
 }
 
-/* Two texels beside each other, of two channels. */
-typedef float texels __attribute__((vector_size(16)));
-typedef int32_t order __attribute__((vector_size(16)));
-
-/* As `sample`, for two channels: value and cover [LANES]. OpenCV weighs there, from the upper left
- * on; both channels are added at once, in its order. */
-INLINE void sample_print(const struct vs_sprite *s, const struct lanes *l, float *value,
-                         float *cover)
+/* Between four texels of a print OpenCV weighs, from the upper left on. */
+INLINE float weigh(float right, float down, const float *above, const float *below)
 {
-    const texels sign = { -1.0f, -1.0f, 1.0f, 1.0f }, one = { 1.0f, 1.0f, 0.0f, 0.0f };
-    const order right = { 2, 3, 2, 3 };
-    float sums[LANES][4];
+    float left = 1.0f - right, up = 1.0f - down;
+
+    return above[0] * (left * up) + above[1] * (right * up) + below[0] * (left * down) +
+           below[1] * (right * down);
+}
+
+/* As `sample`, for a channel of a print. */
+INLINE void sample_print(const struct vs_sprite *s, const float *texture, const struct lanes *l,
+                         float *value)
+{
+    float above[LANES][2], below[LANES][2];
 
     for (int32_t i = 0; i < LANES; i++) {
-        const float *at = s->texture + (ptrdiff_t)l->at[i] * 2;
-        texels beside = one + sign * l->right[i], above, below;
+        const float *at = texture + l->at[i];
 
-        memcpy(&above, at, sizeof above);
-        memcpy(&below, at + (ptrdiff_t)s->side * 2, sizeof below);
-        above *= beside * (1.0f - l->down[i]);
-        below *= beside * l->down[i];
-        above += __builtin_shuffle(above, right);
-        above += below;
-        above += __builtin_shuffle(below, right);
-        memcpy(sums[i], &above, sizeof sums[i]);
+        memcpy(above[i], at, sizeof *above);
+        memcpy(below[i], at + s->side, sizeof *below);
     }
-    for (int32_t i = 0; i < LANES; i++) {
-        value[i] += sums[i][0];
-        cover[i] += sums[i][1];
+    for (int32_t i = 0; i < LANES; i++)
+        value[i] += weigh(l->right[i], l->down[i], above[i], below[i]);
+}
+
+INLINE void sample_core(float flat, const struct lanes *l, float *value)
+{
+    const float texels[2] = { flat, flat };
+
+    for (int32_t i = 0; i < LANES; i++)
+        value[i] += weigh(l->right[i], l->down[i], texels, texels);
+}
+
+/* Adds a sprite's value at a pose, and its cover if it is a print, [LANES] each; 0: it is not
+ * there. */
+INLINE int32_t look(int wide, const struct vs_sprite *s, int32_t effect, int32_t pose,
+                    const float *x_m, const float *y_m, float *value, float *cover)
+{
+    struct lanes lanes;
+    enum meeting with = meet(wide, s, pose, effect == VS_PRINT, x_m, y_m, &lanes);
+
+    if (with == NOTHING)
+        return 0;
+    if (effect == VS_PRINT) {
+        sample_print(s, s->texture, &lanes, value);
+        if (with == THE_CORE)
+            sample_core(s->flat, &lanes, cover);
+        else
+            sample_print(s, s->cover, &lanes, cover);
+    } else if (with == THE_CORE) {
+        for (int32_t i = 0; i < LANES; i++)
+            value[i] += s->flat;
+    } else {
+        sample(wide, s, &lanes, value);
     }
+    return 1;
 }
 
 /* Lays a sprite over the first n of LANES pixels of a row. */
@@ -167,22 +199,14 @@ INLINE void lay(int wide, const struct vs_sprite *s, int32_t effect, const float
     float value[LANES] = { 0.0f }, cover[LANES] = { 0.0f }, share = (float)(1.0 / s->poses);
     float strength = s->strength, below_m = s->below_m;
     int32_t met = 0;
-    struct lanes lanes;
-    float result[LANES];   /* no pointer leads here: the loop becomes vectors */
+    float result[LANES];   /* no pointer leads here: the loops become vectors */
 
-    for (int32_t k = 0; k < s->poses; k++) {
-        if (!meet(wide, s, k, effect == VS_PRINT, x_m, y_m, &lanes))
-            continue;
-        met = 1;
-        if (effect == VS_PRINT)
-            sample_print(s, &lanes, value, cover);
-        else
-            sample(wide, s, &lanes, value);
-    }
+    for (int32_t k = 0; k < s->poses; k++)
+        met |= look(wide, s, effect, k, x_m, y_m, value, cover);
     if (!met)
         return;
     for (int32_t i = 0; i < LANES; i++) {
-        float light = canvas_dn[i], white = white_dn[i], top = top_m[i], more;
+        float light = canvas_dn[i], white = white_dn[i], more;
         float much = value[i] * share, covered = cover[i] * share;
 
         if (effect == VS_PRINT)
@@ -191,9 +215,10 @@ INLINE void lay(int wide, const struct vs_sprite *s, int32_t effect, const float
             more = much * (strength * white - light);
         else
             more = much * strength;
-        more += light;
-        result[i] = top > below_m ? light : more;
+        result[i] = more + light;
     }
+    for (int32_t i = 0; i < LANES; i++)
+        result[i] = top_m[i] > below_m ? canvas_dn[i] : result[i];
     if (n < LANES)
         memcpy(canvas_dn, result, n * sizeof *result);
     else
@@ -283,24 +308,45 @@ struct reading {
     size_t picture_stride;
 };
 
+/* Reads the first n of LANES pixels of a row out; light has LANES. */
+INLINE void read_some(int wide, const struct vs_readout *to, const float *light,
+                      const uint8_t *noise, size_t n, uint8_t *picture)
+{
+    float root[LANES], most = (float)to->most;
+    int32_t level[LANES];
+
+    for (int32_t i = 0; i < LANES; i++)
+        root[i] = light[i] * to->shot + to->read;
+    roots_of(root);
+    for (int32_t i = 0; i < LANES; i++) {
+        float exact = __builtin_rintf(__builtin_fabsf(fused(wide, root[i], to->alpha, to->beta)));
+
+        level[i] = (int32_t)(exact < most ? exact : most);
+    }
+    for (size_t i = 0; i < n; i++) {
+        int32_t sum = level[i] + noise[i];
+
+        picture[i] = to->table[sum < 255 ? sum : 255];
+    }
+}
+
 INLINE void read_all(int wide, const struct reading *r, const struct vs_patch *patches, size_t n)
 {
-    float shot = r->readout->shot, read = r->readout->read, alpha = r->readout->alpha;
-    float beta = r->readout->beta, most = (float)r->readout->most;
-    const uint8_t *table = r->readout->table;
-
     for (const struct vs_patch *p = patches; p < patches + n; p++) {
         for (int32_t y = p->top; y < p->bottom; y++) {
             const float *light = r->canvas + (size_t)y * r->width;
-            const uint8_t *random = r->noise + (size_t)y * r->noise_stride;
-            uint8_t *pixel = r->picture + (size_t)y * r->picture_stride;
+            const uint8_t *noise = r->noise + (size_t)y * r->noise_stride;
+            uint8_t *picture = r->picture + (size_t)y * r->picture_stride;
+            int32_t x = p->left;
 
-            for (int32_t x = p->left; x < p->right; x++) {
-                float root = root_of(light[x] * shot + read);
-                float level = __builtin_rintf(__builtin_fabsf(fused(wide, root, alpha, beta)));
-                uint32_t sum = (uint32_t)(level < most ? level : most) + random[x];
+            for (; x + LANES <= p->right; x += LANES)
+                read_some(wide, r->readout, light + x, noise + x, LANES, picture + x);
+            if (x < p->right) {
+                size_t left = (size_t)(p->right - x);
+                float rest[LANES] = { 0.0f };
 
-                pixel[x] = table[sum < 255 ? sum : 255];
+                memcpy(rest, light + x, left * sizeof *rest);
+                read_some(wide, r->readout, rest, noise + x, left, picture + x);
             }
         }
     }

@@ -17,9 +17,9 @@
 
 /* What a sprite does to the light of what lies below it, L, where the camera has P of white. */
 enum vs_effect {
-    VS_PRINT = 0,  /* two channels, colour and cover: L + colour P - cover L */
-    VS_COVER = 1,  /* one, cover: L + cover (strength P - L) */
-    VS_GLOW = 2    /* one, light: L + light strength */
+    VS_PRINT = 0,  /* texture is colour, and there is a cover: L + colour P - cover L */
+    VS_COVER = 1,  /* texture is cover: L + cover (strength P - L) */
+    VS_GLOW = 2    /* texture is light: L + light strength */
 };
 
 /* The empty arena in one camera; every array [height_px * width_px], row by row. */
@@ -40,9 +40,12 @@ struct vs_patch {
 
 /* A sprite in the pixels that it may cover, at its poses during the exposure. */
 struct vs_sprite {
-    const float *texture;  /* [side * side * channels], row by row; the border is 0 */
+    const float *texture;  /* [side * side], row by row; the border is 0 */
+    const float *cover;    /* likewise, VS_PRINT's */
     int32_t side;
     float reach;           /* texels farther from the middle are 0, and so are those between */
+    float core;            /* nearer to it all are `flat`, VS_PRINT's cover, others' texture */
+    float flat;
     int32_t effect;        /* enum vs_effect */
     float strength;
     float below_m;         /* where something stands higher, nothing is drawn */

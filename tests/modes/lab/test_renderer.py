@@ -281,7 +281,10 @@ def sample(sprite: Sprite, rays: RayMap, pose: NDArray[np.float64]) -> Image32:
     row = (sin, -cos, middle - sin * x + cos * y)
     everything = (slice(None), slice(None))
     u, v = rays.affine(everything, sprite.height_m, (column, row))
-    return np.asarray(cv2.remap(sprite.texture, u, v, cv2.INTER_LINEAR), dtype=np.float32)
+    texture = sprite.texture
+    if sprite.effect is Effect.PRINT:
+        texture = np.dstack((texture, sprite.cover))
+    return np.asarray(cv2.remap(texture, u, v, cv2.INTER_LINEAR), dtype=np.float32)
 
 
 def draw(backdrop: Backdrop, sprites: list[Sprite], poses: NDArray[np.float64]) -> Image32:

@@ -6,6 +6,7 @@ the marker at its true height, so that perspective shows the sides as in a real 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from enum import Enum
@@ -86,9 +87,9 @@ class Body:
 class Effect(Enum):
     """Effect of a sprite on the light behind it; the values describe its texture."""
 
-    PRINT = "(n, n, 2): reflectance times coverage, and coverage"
-    COVER = "(n, n): coverage by a surface of one reflectance"
-    GLOW = "(n, n): light that it adds, in units of EMISSION_DN"
+    PRINT = "reflectance times coverage; `cover` is coverage"
+    COVER = "coverage by a surface of one reflectance"
+    GLOW = "light that it adds, in units of EMISSION_DN"
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,14 +97,16 @@ class Sprite:
     """A flat picture at one height above the floor, already as blurred as in the camera.
 
     Attributes:
-        texture: float32, see `Effect`; +x of the body runs to the right and +y up, the body's
-            centre is in the middle, and the border is zero.
+        texture: (n, n) float32, see `Effect`; +x of the body runs to the right and +y up, the
+            body's centre is in the middle, and the border is zero.
+        cover: (n, n) float32, likewise; the texture itself but for a PRINT.
         radius_m: half the texture's side without its border.
         reflectance: of a surface that is the same everywhere.
         moving: whether the motion during the exposure is drawn.
     """
 
     texture: Image32
+    cover: Image32
     radius_m: float
     height_m: float
     effect: Effect
@@ -172,7 +175,7 @@ def _shadow(pixel_m: float, body_m: float) -> Sprite:
         return np.asarray(depth[..., np.newaxis])
 
     texture, radius = _draw(draw, reach_m, pixel_m, fine=1)
-    return Sprite(texture, radius, 0.0, Effect.COVER)
+    return Sprite(texture, texture, radius, 0.0, Effect.COVER)
 
 
 @lru_cache(maxsize=32)
@@ -185,7 +188,7 @@ def _side(kind: str, number: int, height_m: float, pixel_m: float, body_m: float
         return np.asarray(inside[..., np.newaxis], dtype=np.float64)
 
     texture, radius = _draw(draw, body_m, pixel_m)
-    return Sprite(texture, radius, share * height_m, Effect.COVER, reflectance)
+    return Sprite(texture, texture, radius, share * height_m, Effect.COVER, reflectance)
 
 
 @lru_cache(maxsize=1024)
@@ -203,8 +206,16 @@ def _marker(body: Body, family: Family, pixel_m: float) -> Sprite:
         covered = np.hypot(x, y) <= disc
         return np.stack((shade * covered, covered), axis=-1)
 
-    texture, radius = _draw(draw, disc + away, pixel_m)
-    return Sprite(texture, radius, body.height_m, Effect.PRINT, moving=True)
+    drawn, radius = _draw(draw, disc + away, pixel_m)
+    texture, cover = np.ascontiguousarray(drawn[..., 0]), _shared(drawn[..., 1].tobytes())
+    return Sprite(texture, cover, radius, body.height_m, Effect.PRINT, moving=True)
+
+
+@lru_cache(maxsize=64)
+def _shared(texels: bytes) -> Image32:
+    """A square of texels; markers with equal covers share them in the processor's cache."""
+    square = np.frombuffer(texels, dtype=np.float32)
+    return square.reshape((math.isqrt(len(square)),) * 2)
 
 
 @lru_cache(maxsize=256)
@@ -225,4 +236,4 @@ def _glow(bits: int, height_m: float, pixel_m: float, model: RobotModel) -> Spri
         return light
 
     texture, radius = _draw(draw, model.radius_m + _GLOW_M, pixel_m, fine=1)
-    return Sprite(texture, radius, _RING_SHARE * height_m, Effect.GLOW)
+    return Sprite(texture, texture, radius, _RING_SHARE * height_m, Effect.GLOW)

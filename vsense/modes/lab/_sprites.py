@@ -19,6 +19,7 @@ from vsense.base.native import kernel_ffi, kernels
 from vsense.modes.lab._backdrop import Backdrop
 from vsense.modes.lab._bodies import EMISSION_DN, SPRITE_PX_PER_M, Effect, Sprite
 from vsense.modes.lab._optics import RayMap, Sensor
+from vsense.vision.cameras.camera import Image32
 
 _MARGIN_PX = 1
 _SAME_HEIGHT_M = 0.001
@@ -37,8 +38,11 @@ _POSES = kernels.VS_SPRITE_POSES
 SPRITE = np.dtype(
     [
         ("texture", "u8"),
+        ("cover", "u8"),
         ("side", "i4"),
         ("reach", "f4"),
+        ("core", "f4"),
+        ("flat", "f4"),
         ("effect", "i4"),
         ("strength", "f4"),
         ("below_m", "f4"),
@@ -83,11 +87,14 @@ def look_of(sprites: Sequence[Sprite]) -> Look:
     """The look of one body."""
     sheets = np.zeros(len(sprites), dtype=SHEET)
     for sheet, sprite in zip(sheets, sprites):
-        assert sprite.texture.flags.c_contiguous and sprite.texture.dtype == np.float32
+        for texture in (sprite.texture, sprite.cover):
+            assert texture.flags.c_contiguous and texture.dtype == np.float32
         row = sheet["sprite"]
         row["texture"] = sprite.texture.ctypes.data
+        row["cover"] = sprite.cover.ctypes.data
         row["side"] = sprite.texture.shape[0]
-        row["reach"] = _reach(sprite)
+        row["reach"], row["core"] = _reach(sprite), _core(sprite.cover)
+        row["flat"] = sprite.cover[_middle(sprite.cover)]
         row["effect"] = _EFFECTS[sprite.effect]
         row["strength"] = EMISSION_DN if sprite.effect is Effect.GLOW else sprite.reflectance
         row["below_m"] = sprite.height_m + _SAME_HEIGHT_M
@@ -97,12 +104,29 @@ def look_of(sprites: Sequence[Sprite]) -> Look:
     return Look(sheets, np.zeros(len(sheets), dtype=np.intp), sprites)
 
 
+_BETWEEN = 1.5
+"""A place lies so far from the farthest of the texels around it, at most [texel]."""
+
+
 def _reach(sprite: Sprite) -> float:
     """How far from its texture's middle a place can be that is not 0 [texel]."""
-    texture = sprite.texture if sprite.texture.ndim == 2 else sprite.texture.any(axis=2)
-    places = np.argwhere(texture) - (texture.shape[0] - 1) / 2.0
-    between = math.sqrt(2.0)  # a place lies so far from its farthest texel, at most
-    return float(np.sqrt((places**2).sum(axis=1).max(initial=0.0))) + between
+    return float(_away(np.logical_or(sprite.texture, sprite.cover)).max(initial=0.0)) + _BETWEEN
+
+
+def _core(cover: Image32) -> float:
+    """How near to its middle all places have the middle's value [texel]; 0: nowhere."""
+    away = _away(np.not_equal(cover, cover[_middle(cover)]))
+    return max(0.0, float(away.min(initial=math.inf)) - _BETWEEN)
+
+
+def _middle(texture: Image32) -> tuple[int, int]:
+    return texture.shape[0] // 2, texture.shape[1] // 2
+
+
+def _away(texels: NDArray[np.bool_]) -> Floats:
+    """How far some texels are from their texture's middle [texel]."""
+    row, column = (np.argwhere(texels) - (texels.shape[0] - 1) / 2.0).T
+    return np.asarray(np.hypot(row, column))
 
 
 def gather(bodies: Sequence[Look]) -> Look:
