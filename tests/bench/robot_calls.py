@@ -111,11 +111,12 @@ class _Life:
         self._server.publish(self._timestep, now_ns - 20_000_000, {TAG: [(bytes(4), now_ns)]})
         calls = 0
         while (now_ns := host_ns()) < self._next_ns:
-            watched = [*self._base.readable(), self._trace]
             due_ns = min(self._base.due_ns or self._next_ns, self._next_ns)
-            ready = select.select(watched, [], [], max(due_ns - now_ns, 0) / 1e9)[0]
+            ready = select.select([self._base, self._trace], [], [], max(due_ns - now_ns, 0) / 1e9)[
+                0
+            ]
             now_ns = host_ns()
-            self._base.receive([fd for fd in ready if fd != self._trace], now_ns)
+            self._base.receive(now_ns)
             self._base.advance(now_ns)
             if self._trace in ready:
                 calls += self._read()

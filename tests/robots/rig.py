@@ -384,13 +384,13 @@ class Rig:
     def live(self) -> None:
         """One round, of a millisecond at the longest."""
         began_ns = host_ns()
-        masters = self.base.readable() if self.plugged else []
+        bases = [self.base] if self.plugged else []
         pipes = [d.stderr for d in self.daemons if d.open]
-        watched = [*masters, *self.host.descriptors(), *pipes]
+        watched = [*bases, *self.host.descriptors(), *pipes]
         ready = set(select.select(watched, [], [], self._wait_s(began_ns))[0])
         now_ns = host_ns()
         if self.plugged:
-            self.base.receive([m for m in masters if m in ready], now_ns)
+            self.base.receive(now_ns)
             self.applied += self.base.advance(now_ns)
         self.host.serve(ready, now_ns)
         for daemon in self.daemons:

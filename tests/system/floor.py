@@ -388,11 +388,10 @@ class Floor:
         """One round, of a millisecond at the longest."""
         began_ns = host_ns()
         parts = self._everything()
-        masters = self._bases.readable()
-        watched = masters + [d for part in parts for d in part.descriptors()]
+        watched = [self._bases, *(d for part in parts for d in part.descriptors())]
         ready = set(select.select(watched, [], [], 0.001)[0])
         now_ns = host_ns()
-        self._bases.receive([m for m in masters if m in ready], now_ns)
+        self._bases.receive(now_ns)
         for actuation in self._bases.advance(now_ns):
             self.applied[self.tags[actuation.robot]].append(actuation)
         for part in parts:

@@ -60,10 +60,11 @@ class Daemon:
     def write(self, content: bytes) -> None:
         """Puts bytes on the line now."""
         os.write(self.fd, content)
-        master = self.controllers.readable()[self.robot]
+        master = self.controllers.links[self.robot].readable()
+        assert master is not None
         while _available(master) < len(content):
             select.select([master], [], [], PATIENCE_S)
-        self.controllers.receive([master], self.now_ns)
+        self.controllers.receive(self.now_ns)
 
     def live(self, duration_ns: int) -> None:
         """Lets time pass in small steps."""
@@ -254,13 +255,13 @@ def test_more_than_the_line_holds_waits_its_turn(daemon: Daemon) -> None:
     reference.live(100_000_000)
 
     daemon.wake()
-    own = daemon.controllers.readable()[0]
+    link = daemon.controllers.links[0]
     daemon.write(flood[:252])
-    assert own in daemon.controllers.readable()
+    assert link.readable() is not None
     daemon.write(flood[252:])
-    assert own not in daemon.controllers.readable()
+    assert link.readable() is None
     daemon.live(len(flood) * BYTE_NS + 100_000_000)
-    assert own in daemon.controllers.readable()
+    assert link.readable() is not None
     assert daemon.controllers.counters() == calm.counters()
     assert calm.counters()["overlapped_bytes"] > 0
     reference.close()

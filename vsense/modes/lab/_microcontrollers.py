@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import heapq
+import select
 import struct
 import tempfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -57,7 +59,6 @@ class Microcontrollers:
     Attributes:
         links: of each robot; tests make faults in their C structs.
         bases: the values of `--base` of the robots' daemons.
-        due_ns: when `advance` is due again, None while all lines are idle.
     """
 
     def __init__(
@@ -81,10 +82,13 @@ class Microcontrollers:
                 pseudo-terminals or sockets.
             VsenseError: a package is missing.
         """
-        self.due_ns: int | None = None
         self.links: list[Link] = []
         self._folder = tempfile.TemporaryDirectory(prefix="vsense-")
-        self._busy: set[int] = set()
+        self._ready = select.epoll()
+        self._robots: dict[int, int] = {}  # by descriptor
+        self._heard: dict[int, int | None] = {}  # descriptor in `_ready`, by robot
+        self._dues: dict[int, int] = {}  # of robots that are not idle
+        self._queue: list[tuple[int, int]] = []  # due times and robots, old ones among them
         try:
             for robot, kind in enumerate(kinds):
                 model = models[robot] if models else EPUCK
@@ -108,41 +112,57 @@ class Microcontrollers:
             + (",ground" if grounded and isinstance(link, Bus) else "")
             for kind, link in zip(kinds, self.links)
         ]
-        self.wake()
-        self._plan()
+        self._plan(range(len(self.links)))
+
+    @property
+    def due_ns(self) -> int | None:
+        """When `advance_due` has something to do again, None while all lines are idle."""
+        while self._queue and self._is_old(*self._queue[0]):
+            heapq.heappop(self._queue)
+        return self._queue[0][0] if self._queue else None
 
     @property
     def devices(self) -> list[str]:
         """What the robots' daemons open: a terminal's path, or `unix:` and a socket's."""
         return [link.device for link in self.links]
 
-    def readable(self) -> list[int]:
-        """The descriptors whose bytes `receive` would take now."""
-        return [fd for link in self.links if (fd := link.readable()) is not None]
+    def fileno(self) -> int:
+        """A descriptor that is readable while `receive` has something to take."""
+        return self._ready.fileno()
 
-    def receive(self, descriptors: Iterable[int], now_ns: int) -> None:
-        """Passes the daemons' bytes that came at `now_ns` to the microcontrollers.
-
-        `descriptors` are those of `readable` that have bytes.
-        """
-        ready = set(descriptors)
-        for robot, link in enumerate(self.links):
-            if ready and link.readable() in ready:
-                link.receive(now_ns)
-                self._busy.add(robot)
-        self._plan()
+    def receive(self, now_ns: int) -> None:
+        """Passes the daemons' bytes that came at `now_ns` to the microcontrollers."""
+        robots = [self._robots[fd] for fd, _ in self._ready.poll(0)]
+        for robot in robots:
+            self.links[robot].receive(now_ns)
+        self._plan(robots)
 
     def advance(self, now_ns: int) -> list[Actuation]:
         """Runs all microcontrollers up to `now_ns` and passes on the bytes that they sent.
 
         Returns the commands to motors and LEDs since the last call, in order for each robot.
         """
+        return self._advance(sorted(self._dues), now_ns)
+
+    def advance_due(self, now_ns: int) -> list[Actuation]:
+        """As `advance`, for those alone that have to do something by then.
+
+        The others' sensors must not change before the next `advance`.
+        """
+        robots = dict[int, None]()
+        while self._queue and self._queue[0][0] <= now_ns:
+            due_ns, robot = heapq.heappop(self._queue)
+            if not self._is_old(due_ns, robot):
+                robots[robot] = None
+        return self._advance(robots, now_ns)
+
+    def _advance(self, robots: Collection[int], now_ns: int) -> list[Actuation]:
         applied = [
             Actuation(out.time_ns, robot, out.left_steps_s, out.right_steps_s, out.leds)
-            for robot in sorted(self._busy)
+            for robot in robots
             for out in self.links[robot].advance(now_ns)
         ]
-        self._plan()
+        self._plan(robots)
         return applied
 
     def sense(self, prox_raw: NDArray[np.int16]) -> None:
@@ -160,7 +180,8 @@ class Microcontrollers:
 
     def wake(self) -> None:
         """Makes the next `advance` run every microcontroller, as after a change of its state."""
-        self._busy.update(range(len(self.links)))
+        for robot in range(len(self.links)):
+            self._note_due(robot, 0)
 
     def counters(self) -> dict[str, int]:
         """Counters of the lines since power on, summed over all robots.
@@ -184,13 +205,34 @@ class Microcontrollers:
         for link in self.links:
             link.close()
         self.links = []
+        self._ready.close()
         self._folder.cleanup()
 
-    def _plan(self) -> None:
-        """Removes idle microcontrollers from `_busy` and sets `due_ns`."""
-        dues = {robot: self.links[robot].due_ns for robot in self._busy}
-        self._busy = {robot for robot, due_ns in dues.items() if due_ns is not None}
-        self.due_ns = min((due for due in dues.values() if due is not None), default=None)
+    def _plan(self, robots: Collection[int]) -> None:
+        """Notes when these are due again, and what has them receive."""
+        for robot in robots:
+            link = self.links[robot]
+            self._note_due(robot, link.due_ns)
+            if link.readable() != self._heard.get(robot):
+                self._listen(robot, link.readable())
+
+    def _note_due(self, robot: int, due_ns: int | None) -> None:
+        if due_ns is None:
+            self._dues.pop(robot, None)
+        else:
+            self._dues[robot] = due_ns
+            heapq.heappush(self._queue, (due_ns, robot))
+
+    def _is_old(self, due_ns: int, robot: int) -> bool:
+        return self._dues.get(robot) != due_ns
+
+    def _listen(self, robot: int, descriptor: int | None) -> None:
+        before, self._heard[robot] = self._heard.get(robot), descriptor
+        if before is not None:
+            self._ready.unregister(before)
+        if descriptor is not None:
+            self._ready.register(descriptor, select.EPOLLIN)
+            self._robots[descriptor] = robot
 
 
 def _link(kind: str, robot: int, folder: Path, model: RobotModel) -> Link:

@@ -55,7 +55,7 @@ from vsense.base.shared import LabError, LogFile
 from vsense.base.terminal import Console
 from vsense.config.specs import Experiment, ObjectSpec, RobotSpec
 from vsense.modes.lab._canary import Lateness
-from vsense.modes.lab._microcontrollers import ActuationLog, Microcontrollers
+from vsense.modes.lab._microcontrollers import Actuation, ActuationLog, Microcontrollers
 from vsense.modes.lab._physics_spec import BOX, CYLINDER, POSE_COLUMNS, PhysicsSpec, read_number
 from vsense.modes.lab._real_sensors import NOMINAL_SENSORS, RealGround
 from vsense.modes.lab.hardware import RobotHardware, bases_of
@@ -106,21 +106,18 @@ class PhysicsProcess:
         due_ns, tick_ns = self.controllers.due_ns, self._tick_ns + TICK_NS
         return tick_ns if due_ns is None else min(due_ns, tick_ns)
 
-    def step(self, ready: list[int], now_ns: int) -> None:
-        """Advances to `now_ns`: all ticks that are due, then the bytes that came.
-
-        `ready` are descriptors of `controllers.readable()`; the clock is monotonic.
-        """
+    def step(self, now_ns: int) -> None:
+        """Advances to `now_ns`, of a monotonic clock: all ticks that are due, then the bytes that
+        came."""
         while self._tick_ns + TICK_NS <= now_ns:
             self._tick_ns += TICK_NS
             self._lateness.note((now_ns - self._tick_ns) / 1e6)
             self._ticks += 1
-            self._actuate(self._tick_ns)
+            self._actuate(self.controllers.advance(self._tick_ns))
             self._physics.tick(self._tick_ns)
             self._publish()
-        if ready:
-            self.controllers.receive(ready, now_ns)
-        self._actuate(now_ns)
+        self.controllers.receive(now_ns)
+        self._actuate(self.controllers.advance_due(now_ns))
 
     def put(self, line: bytes) -> None:
         """Puts an object, or another robot, where a line of standard input says.
@@ -165,8 +162,8 @@ class PhysicsProcess:
         self._truth.close()
         self.controllers.close()
 
-    def _actuate(self, now_ns: int) -> None:
-        for actuation in self.controllers.advance(now_ns):
+    def _actuate(self, applied: Sequence[Actuation]) -> None:
+        for actuation in applied:
             robot = actuation.robot
             left, right = actuation.left_steps_s, actuation.right_steps_s
             speeds = self._wheels.of_robot(robot, left, right)
@@ -186,18 +183,16 @@ class PhysicsProcess:
 
 def run(process: PhysicsProcess, stdin: int, ended: list[int]) -> None:
     """Runs at the clock's pace until the descriptor `stdin` ends or `ended` is not empty."""
-    said = b""
+    said, bytes_came = b"", process.controllers.fileno()
     while not ended:
         wait_s = clock.real_s(max(0, process.wake_ns() - host_ns()) / 1e9)
-        ready = select.select([stdin, *process.controllers.readable()], [], [], wait_s)[0]
-        if stdin in ready:
-            ready.remove(stdin)
+        if stdin in select.select([stdin, bytes_came], [], [], wait_s)[0]:
             if not (more := os.read(stdin, 4096)):
                 return
             *lines, said = (said + more).split(b"\n")
             for line in lines:
                 process.put(line)
-        process.step(ready, host_ns())
+        process.step(host_ns())
 
 
 def main() -> int:
