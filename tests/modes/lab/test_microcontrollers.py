@@ -150,11 +150,23 @@ def test_bytes_come_no_faster_than_the_line_carries_them(daemon: Daemon) -> None
     daemon.write(actuators(0, 0))
     daemon.live(ACTUATOR_BYTES * BYTE_NS)
     daemon.live(40 * BYTE_NS + BYTE_NS // 2)
-    first = daemon.read(32)
-    assert _available(daemon.fd) <= 8
+    first = daemon.read(16)
+    assert _available(daemon.fd) <= 24
     daemon.live(40 * BYTE_NS)
-    assert len(first + daemon.read(40)) == SENSOR_BYTES
+    assert len(first + daemon.read(56)) == SENSOR_BYTES
     assert daemon.controllers.due_ns is None
+
+
+def test_an_answer_wakes_its_daemon_when_it_begins_and_when_it_is_whole(daemon: Daemon) -> None:
+    daemon.wake()
+    link, sent = daemon.controllers.links[0], {SENSOR_BYTES: daemon.now_ns}
+    daemon.write(actuators(0, 0))
+    while (due_ns := daemon.controllers.due_ns) is not None:
+        daemon.controllers.advance_due(due_ns)
+        sent.setdefault(link.sent_bytes, due_ns)
+    assert list(sent) == [72, pytest.approx(72 + 16, abs=1), 72 + 72]
+    bytes_on_the_line = [(at_ns - daemon.now_ns) / BYTE_NS for at_ns in sent.values()]
+    assert bytes_on_the_line == pytest.approx([0, 12 + 16, 12 + 72], abs=0.1)
 
 
 def test_an_idle_line_needs_no_service(daemon: Daemon) -> None:

@@ -135,10 +135,10 @@ _REQUEST = struct.Struct("<IBB")
 _REPLY = struct.Struct("<IB")
 """Number, 0 = acknowledged; what was read follows."""
 _GREETING = b"\x01"
-_FIFO_BYTES = 16
+_FIRST_BYTES, _MORE_BYTES = 16, 64
 """A serial driver passes bytes on when its buffer is full or the line falls silent. So does a
-terminal here, when the time of so many bytes has passed or all are through: byte by byte it would
-wake a daemon for each."""
+terminal here, when all are through or the time of so many has passed, of few for the first ones,
+which tell that an answer has begun: each time the kernel wakes a daemon, whatever it waits for."""
 
 
 class Link(Protocol):
@@ -183,12 +183,13 @@ class Terminal:
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
         self.device = os.ttyname(self._slave)
-        self._fifo_ns = _FIFO_BYTES * kind.byte_ns
+        self._byte_ns = kind.byte_ns
         self._receive = getattr(lib, f"{kind.prefix}_receive")
         self._transmit = getattr(lib, f"{kind.prefix}_transmit")
         self._bytes: Any = ffi.new("uint8_t[]", lib.FW_LINE_CAPACITY)
+        self._sending = self.program.state.uart.tx
         self._waiting = b""
-        self._handed_ns = 0
+        self._is_sending, self._hand_ns = False, 0
 
     def readable(self) -> int | None:
         return None if self._waiting else self._master
@@ -200,8 +201,9 @@ class Terminal:
 
     def advance(self, now_ns: int) -> list[Outputs]:
         done = self.program.advance(now_ns)
-        self._offer(now_ns)
-        if now_ns >= min(self._handed_ns + self._fifo_ns, self.program.due_us() * 1000):
+        if self._waiting:
+            self._offer(now_ns)
+        if self._sending.count and now_ns >= min(self._hand_ns, self._sending.free_ns):
             self._hand_out(now_ns)
         self._plan(now_ns)
         return done
@@ -216,20 +218,17 @@ class Terminal:
 
     def _offer(self, now_ns: int) -> None:
         """Passes on as many of the daemon's bytes as the program takes."""
-        if self._waiting:
-            waiting = self._waiting
-            took = self._receive(self.program.state, waiting, len(waiting), now_ns // 1000)
-            self._waiting = waiting[took:]
+        count = len(self._waiting)
+        took = self._receive(self.program.state, self._waiting, count, now_ns // 1000)
+        self._waiting = self._waiting[took:]
 
     def _hand_out(self, now_ns: int) -> None:
+        self._hand_ns = now_ns + _MORE_BYTES * self._byte_ns
         count = self._transmit(
             self.program.state, self._bytes, lib.FW_LINE_CAPACITY, now_ns // 1000
         )
-        if not count:
-            return
-        self._handed_ns = now_ns
         try:
-            written = os.write(self._master, ffi.buffer(self._bytes, count))
+            written = os.write(self._master, ffi.buffer(self._bytes, count)) if count else 0
         except BlockingIOError:
             written = 0
         self.sent_bytes += written
@@ -237,10 +236,11 @@ class Terminal:
 
     def _plan(self, now_ns: int) -> None:
         due_us = self.program.due_us()
-        if due_us == NEVER_DUE_US and not self._waiting:
-            self.due_ns = None
-        else:
-            self.due_ns = min(due_us * 1000, now_ns + self._fifo_ns)
+        if not self._is_sending:
+            self._hand_ns = now_ns + _FIRST_BYTES * self._byte_ns
+        self._is_sending = self._sending.count > 0
+        idle = due_us == NEVER_DUE_US and not self._waiting
+        self.due_ns = None if idle else min(due_us * 1000, self._hand_ns)
 
 
 def _peer(daemon: socket.socket) -> bytes:

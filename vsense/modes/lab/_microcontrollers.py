@@ -112,7 +112,8 @@ class Microcontrollers:
             + (",ground" if grounded and isinstance(link, Bus) else "")
             for kind, link in zip(kinds, self.links)
         ]
-        self._plan(range(len(self.links)))
+        for robot in range(len(self.links)):
+            self._plan(robot)
 
     @property
     def due_ns(self) -> int | None:
@@ -135,7 +136,7 @@ class Microcontrollers:
         robots = [self._robots[fd] for fd, _ in self._ready.poll(0)]
         for robot in robots:
             self.links[robot].receive(now_ns)
-        self._plan(robots)
+            self._plan(robot)
 
     def advance(self, now_ns: int) -> list[Actuation]:
         """Runs all microcontrollers up to `now_ns` and passes on the bytes that they sent.
@@ -149,20 +150,21 @@ class Microcontrollers:
 
         The others' sensors must not change before the next `advance`.
         """
-        robots = dict[int, None]()
+        robots = []
         while self._queue and self._queue[0][0] <= now_ns:
             due_ns, robot = heapq.heappop(self._queue)
             if not self._is_old(due_ns, robot):
-                robots[robot] = None
+                del self._dues[robot]
+                robots.append(robot)
         return self._advance(robots, now_ns)
 
     def _advance(self, robots: Collection[int], now_ns: int) -> list[Actuation]:
-        applied = [
-            Actuation(out.time_ns, robot, out.left_steps_s, out.right_steps_s, out.leds)
-            for robot in robots
-            for out in self.links[robot].advance(now_ns)
-        ]
-        self._plan(robots)
+        applied = []
+        for robot in robots:
+            for out in self.links[robot].advance(now_ns):
+                speeds = out.left_steps_s, out.right_steps_s
+                applied.append(Actuation(out.time_ns, robot, *speeds, out.leds))
+            self._plan(robot)
         return applied
 
     def sense(self, prox_raw: NDArray[np.int16]) -> None:
@@ -208,18 +210,17 @@ class Microcontrollers:
         self._ready.close()
         self._folder.cleanup()
 
-    def _plan(self, robots: Collection[int]) -> None:
-        """Notes when these are due again, and what has them receive."""
-        for robot in robots:
-            link = self.links[robot]
-            self._note_due(robot, link.due_ns)
-            if link.readable() != self._heard.get(robot):
-                self._listen(robot, link.readable())
+    def _plan(self, robot: int) -> None:
+        """Notes when it is due again, and what has it receive."""
+        link = self.links[robot]
+        self._note_due(robot, link.due_ns)
+        if (descriptor := link.readable()) != self._heard.get(robot):
+            self._listen(robot, descriptor)
 
     def _note_due(self, robot: int, due_ns: int | None) -> None:
         if due_ns is None:
             self._dues.pop(robot, None)
-        else:
+        elif due_ns != self._dues.get(robot):
             self._dues[robot] = due_ns
             heapq.heappush(self._queue, (due_ns, robot))
 
