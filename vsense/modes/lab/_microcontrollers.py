@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import heapq
 import select
 import struct
 import tempfile
@@ -84,11 +83,9 @@ class Microcontrollers:
         """
         self.links: list[Link] = []
         self._folder = tempfile.TemporaryDirectory(prefix="vsense-")
-        self._ready = select.epoll()
         self._robots: dict[int, int] = {}  # by descriptor
         self._heard: dict[int, int | None] = {}  # descriptor in `_ready`, by robot
-        self._dues: dict[int, int] = {}  # of robots that are not idle
-        self._queue: list[tuple[int, int]] = []  # due times and robots, old ones among them
+        self._ready, self._dues = select.epoll(), dict[int, int]()  # dues of who is not idle
         try:
             for robot, kind in enumerate(kinds):
                 model = models[robot] if models else EPUCK
@@ -118,9 +115,7 @@ class Microcontrollers:
     @property
     def due_ns(self) -> int | None:
         """When `advance_due` has something to do again, None while all lines are idle."""
-        while self._queue and self._is_old(*self._queue[0]):
-            heapq.heappop(self._queue)
-        return self._queue[0][0] if self._queue else None
+        return min(self._dues.values(), default=None)
 
     @property
     def devices(self) -> list[str]:
@@ -133,8 +128,8 @@ class Microcontrollers:
 
     def receive(self, now_ns: int) -> None:
         """Passes the daemons' bytes that came at `now_ns` to the microcontrollers."""
-        robots = [self._robots[fd] for fd, _ in self._ready.poll(0)]
-        for robot in robots:
+        for descriptor, _ in self._ready.poll(0):
+            robot = self._robots[descriptor]
             self.links[robot].receive(now_ns)
             self._plan(robot)
 
@@ -150,13 +145,7 @@ class Microcontrollers:
 
         The others' sensors must not change before the next `advance`.
         """
-        robots = []
-        while self._queue and self._queue[0][0] <= now_ns:
-            due_ns, robot = heapq.heappop(self._queue)
-            if not self._is_old(due_ns, robot):
-                del self._dues[robot]
-                robots.append(robot)
-        return self._advance(robots, now_ns)
+        return self._advance([r for r, due_ns in self._dues.items() if due_ns <= now_ns], now_ns)
 
     def _advance(self, robots: Collection[int], now_ns: int) -> list[Actuation]:
         applied = []
@@ -182,8 +171,7 @@ class Microcontrollers:
 
     def wake(self) -> None:
         """Makes the next `advance` run every microcontroller, as after a change of its state."""
-        for robot in range(len(self.links)):
-            self._note_due(robot, 0)
+        self._dues.update(dict.fromkeys(range(len(self.links)), 0))
 
     def counters(self) -> dict[str, int]:
         """Counters of the lines since power on, summed over all robots.
@@ -213,19 +201,12 @@ class Microcontrollers:
     def _plan(self, robot: int) -> None:
         """Notes when it is due again, and what has it receive."""
         link = self.links[robot]
-        self._note_due(robot, link.due_ns)
-        if (descriptor := link.readable()) != self._heard.get(robot):
-            self._listen(robot, descriptor)
-
-    def _note_due(self, robot: int, due_ns: int | None) -> None:
-        if due_ns is None:
+        if link.due_ns is None:
             self._dues.pop(robot, None)
-        elif due_ns != self._dues.get(robot):
-            self._dues[robot] = due_ns
-            heapq.heappush(self._queue, (due_ns, robot))
-
-    def _is_old(self, due_ns: int, robot: int) -> bool:
-        return self._dues.get(robot) != due_ns
+        else:
+            self._dues[robot] = link.due_ns
+        if link.readable() != self._heard.get(robot):
+            self._listen(robot, link.readable())
 
     def _listen(self, robot: int, descriptor: int | None) -> None:
         before, self._heard[robot] = self._heard.get(robot), descriptor
