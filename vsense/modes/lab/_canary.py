@@ -1,8 +1,8 @@
 """The lab's canary: an idle process with a 10 ms timer that notes how late it was woken.
 
-Its figures show how much of a run's latencies is due to a busy machine. The process runs until its
-standard input ends, then prints a line for each lateness that came: the lateness in ms, and how
-many ticks had it.
+Its figures show how much of a run's latencies is due to a busy machine, so its time is that of the
+lab's clock, whose pace [permille] is its argument. The process runs until its standard input ends,
+then prints a line for each lateness that came: the lateness in ms, and how many ticks had it.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import select
 import sys
 from collections import Counter
 
+from vsense.base import clock
 from vsense.base.clock import host_ns
 from vsense.base.processes import start_module
 
@@ -43,23 +44,22 @@ def watch() -> Lateness:
 
     Ticks that were missed whole count once, with their lateness.
     """
-    lateness = Lateness()
-    due_ns = host_ns() + PROBE_PERIOD_NS
-    while True:
-        wait_s = max(0, due_ns - host_ns()) / 1e9
-        if select.select([sys.stdin], [], [], wait_s)[0]:
-            return lateness
+    lateness, stdin, now_ns = Lateness(), [sys.stdin], host_ns()
+    due_ns = now_ns + PROBE_PERIOD_NS
+    while not select.select(stdin, [], [], clock.real_s(max(0, due_ns - now_ns) / 1e9))[0]:
         now_ns = host_ns()
         if now_ns >= due_ns:
             lateness.note((now_ns - due_ns) / 1e6)
             due_ns += PROBE_PERIOD_NS * (1 + (now_ns - due_ns) // PROBE_PERIOD_NS)
+    return lateness
 
 
 class Canary:
     """The canary process, from now until `end`."""
 
     def __init__(self) -> None:
-        self._process = start_module("vsense.modes.lab._canary")[0]
+        permille = str(round(clock.pace() * 1000))
+        self._process = start_module("vsense.modes.lab._canary", permille)[0]
 
     def end(self) -> list[float]:
         """Ends it; returns how late its ticks were, in ms, or nothing if it was killed."""
@@ -74,6 +74,7 @@ class Canary:
 
 
 if __name__ == "__main__":
+    clock.slow(int(sys.argv[1]))
     try:
         print("\n".join(f"{late_ms} {count}" for late_ms, count in watch().items()), flush=True)
     except BrokenPipeError:
