@@ -195,4 +195,4 @@ class RobotSession:
     @property
     def counters(self) -> Mapping[str, int]:
         """The acceptance filter's counters: sent, received, accepted and every drop reason."""
-        return counters_of(self.c.peer.counters)
+        return counters_of(ffi.addressof(self.c.peer, "counters"))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 from hypothesis import strategies as st
@@ -173,4 +172,4 @@ def balance(counters: Any) -> bool:
 
 def with_length(header: Header, packet: bytes) -> Header:
     """The header as it comes back from the packet."""
-    return replace(header, length=len(packet))
+    return header._replace(length=len(packet))

@@ -68,7 +68,7 @@ def join(
 def first_word(pending: PendingSession, key: bytes) -> bytes:
     """The first TELEMETRY of a session that was offered."""
     head, out = Header(PacketType.TELEMETRY, session=pending.peer.session), Output(1200)
-    header = header_to(replace(head, sequence=1, table_hash=TABLE.hash))
+    header = header_to(head._replace(sequence=1, table_hash=TABLE.hash))
     kept = header.key = ffi.new("uint8_t[]", key)
     telemetry = ffi.new("struct vs_telemetry *")
     packet = out.packet(lib.vs_encode_telemetry(header, TABLE.cdata, telemetry, *out.arguments))

@@ -215,3 +215,16 @@ def test_a_new_run_begins_with_nothing_measured() -> None:
     simulation.robot.session.udp_in(packet, simulation.now_ns)
     assert simulation.robot.session.c.run == 2
     assert simulation.robot.session.value("pollutant") is None
+
+
+def test_readings_that_replace_others_of_the_same_moment_are_sent_again_and_again() -> None:
+    simulation = Simulation(1)
+    simulation.run(200 * MS)
+    host, now_ns = simulation.host, simulation.now_ns
+    for first, second in ((b"abcd", b"efgh"), (b"efgh", b"ijkl")):
+        host.hold(3, now_ns, [(first, now_ns), (second, now_ns)])
+        for _ in range(2):
+            packet = host.state(Orders(), now_ns)
+            assert first in packet and second in packet
+    host.forget()
+    assert b"efgh" not in host.state(Orders(), now_ns)

@@ -13,11 +13,11 @@ from typing import Any
 
 from vsense.base.native import ffi, lib
 from vsense.robots.link.status import EventKind
-from vsense.robots.link.table import STAY, Direction, Goal, Output, Table, text_of
+from vsense.robots.link.table import STAY, Direction, Goal, Output, Table, numbers_of, text_of
 from vsense.robots.link.wire import (
     DATAGRAM_MAX,
     NEVER_US,
-    TELEMETRY_FIELDS,
+    TELEMETRY_NUMBERS,
     Header,
     Hello,
     Notice,
@@ -95,8 +95,10 @@ class Peer:
     def __init__(self) -> None:
         self._peer = ffi.new("struct vs_peer *")
         lib.vs_peer_init(self._peer)
+        self._counted = ffi.addressof(self._peer, "counters")
         self._table = Table()
         self._sensors: list[tuple[int, int]] = []
+        self._put: tuple[ReadingValues, int] | None = None
         self._header = ffi.new("struct vs_header *")
         self._state = ffi.new("struct vs_state *")
         self._payload = ffi.buffer(self._state.payload)
@@ -110,7 +112,7 @@ class Peer:
         `hello_send_ns` is the send time in the HELLO's header, the robot's clock; `now_ns`, the
         host's, when it came.
         """
-        self._table = table
+        self._table, self._put = table, None
         self._sensors = [(offset, size) for _, offset, size in table.of_direction(Direction.SENSOR)]
         lib.vs_peer_open(self._peer, session, table.hash, hello_send_ns, now_ns)
 
@@ -121,7 +123,7 @@ class Peer:
     def adopt(self, proved: Peer) -> None:
         """Goes on with the session of another peer, which was only now proved; counts go on."""
         lib.vs_peer_adopt(self._peer, proved._peer)
-        self._table, self._sensors = proved._table, proved._sensors
+        self._table, self._sensors, self._put = proved._table, proved._sensors, None
 
     def welcome(
         self, root: bytes, hello: bytes, header: Header, message: Welcome, now_ns: int
@@ -186,6 +188,9 @@ class Peer:
         return self._output.packet(code)
 
     def _put_values(self, values: ReadingValues, capture_ns: int) -> None:
+        put = self._put
+        if put is not None and put[0] is values and put[1] == capture_ns:
+            return  # a heartbeat says again what was said
         if len(values) != len(self._sensors):
             raise ValueError(f"{len(values)} values for {len(self._sensors)} sensors")
         for rank, ((offset, size), (payload, value_ns)) in enumerate(zip(self._sensors, values)):
@@ -193,6 +198,7 @@ class Peer:
                 raise ValueError(f"sensor {rank}: {len(payload)} bytes, expected {size}")
             self._payload[offset : offset + size] = payload
             self._state.older_us[rank] = older_us(capture_ns, value_ns)
+        self._put = values, capture_ns
 
     def receive_telemetry(
         self, packet: bytes, udp: bool, now_ns: int
@@ -257,12 +263,16 @@ class Peer:
     @property
     def counters(self) -> dict[str, int]:
         """STATE packets `sent`, packets `received`, `accepted`, and not accepted by reason."""
-        return counters_of(self._peer.counters)
+        return counters_of(self._counted)
+
+
+_COUNTERS = tuple(name for name, _ in ffi.typeof("struct vs_counters").fields)
+_COUNTER_NUMBERS = numbers_of("struct vs_counters", _COUNTERS)
 
 
 def counters_of(cdata: Any) -> dict[str, int]:
-    """Copies a `struct vs_counters`: `received` is `accepted` and all after it."""
-    return {name: int(getattr(cdata, name)) for name, _ in ffi.typeof(cdata).fields}
+    """Copies what a `struct vs_counters *` is of: `received` is `accepted` and all after it."""
+    return dict(zip(_COUNTERS, _COUNTER_NUMBERS.unpack_from(ffi.buffer(cdata))))
 
 
 def older_us(capture_ns: int, value_ns: int) -> int:
@@ -277,12 +287,10 @@ def older_us(capture_ns: int, value_ns: int) -> int:
 
 def telemetry_of(cdata: Any, payload: bytes) -> Telemetry:
     """Copies a `struct vs_telemetry`."""
-    numbers = {name: getattr(cdata, name) for name in TELEMETRY_FIELDS}
-    if cdata.log_number:
-        numbers["log"] = text_of(cdata.log)
-    if cdata.shown_len:
-        numbers["shown"] = shown_of(bytes(cdata.shown[0 : cdata.shown_len]))
-    return Telemetry(**numbers, payload=payload)
+    numbers = TELEMETRY_NUMBERS.unpack_from(ffi.buffer(cdata))
+    log = text_of(cdata.log) if cdata.log_number else ""
+    shown = shown_of(bytes(cdata.shown[0 : cdata.shown_len])) if cdata.shown_len else ()
+    return Telemetry._make((*numbers, payload, log, shown))
 
 
 LOST_AFTER_NS = 1_000_000_000

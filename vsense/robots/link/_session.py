@@ -41,7 +41,7 @@ STOP_REPEAT_NS = 10_000_000
 
 STOP_PACKETS = 3
 
-_NO_HELLO = Hello(b"", 0, "", "")
+_NO_HELLO, _NO_ORDERS = Hello(b"", 0, "", ""), Orders()
 
 Address = tuple[Any, ...]
 """Where datagrams come from and go to, as the socket module says it."""
@@ -95,14 +95,12 @@ class HostSession:
         self.peer = Peer()
         self.address: Address | None = None
         self.copied: Address | None = None
-        self._copied_ns = 0
-        self.due_ns = 0
+        self._copied_ns = self.due_ns = 0
         self.superseded = self.unsent = self.defects = 0
         self.refused, self.other_program, self.reseeded = "", "", False
         self._table = table
         self._uid: bytes | None = None
-        self._hello = _NO_HELLO
-        self._origin = ""
+        self._hello, self._origin = _NO_HELLO, ""
         self._key: int | None = None
         self._astray_ns: tuple[int, int] | None = None
         self._sessions = 0
@@ -112,8 +110,7 @@ class HostSession:
         self._log = LogLines()
         self._repeats = self._repeat_ns = 0
         self._telemetry: Telemetry | None = None
-        self._timestep = 0
-        self._capture_ns, self._goal = 0, STAY
+        self._timestep, self._capture_ns, self._goal = 0, 0, STAY
         self._sizes = [size for _, _, size in table.of_direction(Direction.SENSOR)]
         self._values: ReadingValues = []
         self.forget()
@@ -367,8 +364,8 @@ class HostSession:
     def _event(self, kind: EventKind, text: str, now_ns: int) -> LinkEvent:
         return LinkEvent(kind, self.tag, f"{self.label}: {text}", now_ns)
 
-    def status(self, now_ns: int) -> RobotStatus:
-        """A snapshot."""
+    def status(self, now_ns: int, orders: Orders = _NO_ORDERS, ordered_ns: int = 0) -> RobotStatus:
+        """A snapshot; `orders` are all robots', given at `ordered_ns`."""
         udp = self.open and self.address is not None and not self.peer.over_tcp(now_ns)
         hello, counters = self._hello, self.peer.counters
         connected = self.open and not self._presence.lost and not self.reseeded
@@ -397,4 +394,7 @@ class HostSession:
             starts=self._presence.starts,
             key=self._key if self.open else None,
             drives_home=bool(hello.capabilities & lib.VS_CAPABLE_HOME),
+            wanted=orders.of(self.tag).wanted,
+            ordered_ns=ordered_ns,
+            held=orders.held.get(self.tag, ""),
         )

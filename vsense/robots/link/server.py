@@ -209,16 +209,16 @@ class VirtualSensorServer:
     def robots(self) -> dict[int, RobotStatus]:
         """A snapshot of every expected robot, by tag."""
         statuses = {}
-        for tag, robot in self._roster.robots.items():
-            with self._lock:
-                status = robot.status(self._clock())
-                orders = self._roster.orders
-                wanted, held = orders.of(tag).wanted, orders.held.get(tag, "")
+        with self._lock:
+            now_ns, orders = self._clock(), self._roster.orders
+            for tag, robot in self._roster.robots.items():
                 ordered_ns = max(self._ordered_ns, self._held_ns.get(tag, 0))
-            if tag in self._shown and status.telemetry is not None:
-                shows = replace(status.telemetry, shown=self._shown[tag])
-                status = replace(status, telemetry=shows)
-            statuses[tag] = replace(status, wanted=wanted, ordered_ns=ordered_ns, held=held)
+                statuses[tag] = robot.status(now_ns, orders, ordered_ns)
+        for tag, shown in self._shown.items():
+            status = statuses.get(tag)
+            if status is not None and status.telemetry is not None:
+                shows = status.telemetry._replace(shown=shown)
+                statuses[tag] = replace(status, telemetry=shows)
         return statuses
 
     def show(self, shown: Mapping[int, ShownData]) -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable
+import struct
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, NamedTuple
@@ -79,6 +80,22 @@ class ExpectedRobot:
 def text_of(cdata: Any) -> str:
     """Reads a zero-terminated text that C has checked."""
     return str(ffi.string(cdata).decode())
+
+
+_CODES = {
+    **{"uint8_t": "B", "int8_t": "b", "uint16_t": "H", "int16_t": "h"},
+    **{"uint32_t": "I", "uint64_t": "Q"},
+}
+
+
+def numbers_of(kind: str, names: Sequence[str]) -> struct.Struct:
+    """Reads numbers of a C structure's memory, in the structure's order, all in one call."""
+    layout, form, end = dict(ffi.typeof(kind).fields), "=", 0
+    for name in names:
+        field = layout[name]
+        form += f"{field.offset - end}x{_CODES[field.type.cname]}"
+        end = field.offset + ffi.sizeof(field.type)
+    return struct.Struct(form)
 
 
 class Output:

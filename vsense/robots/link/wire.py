@@ -6,12 +6,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any
+from typing import Any, NamedTuple
 
 from vsense.base.native import WireError, check, ffi, lib
-from vsense.robots.link.table import Output, Table, text_of
+from vsense.robots.link.table import Output, Table, numbers_of, text_of
 
 PACKET_MAX: int = lib.VS_PACKET_MAX
 DATAGRAM_MAX: int = lib.VS_DATAGRAM_MAX
@@ -86,8 +86,7 @@ class StopCause(IntEnum):
     BATTERY = lib.VS_CAUSE_BATTERY
 
 
-@dataclass(frozen=True, slots=True)
-class Header:
+class Header(NamedTuple):
     """A packet's header; `struct vs_header` in `c_src/vs_wire.h` explains the fields."""
 
     type: int
@@ -162,8 +161,7 @@ class Notice:
     text: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Telemetry:
+class Telemetry(NamedTuple):
     """What a robot reports; `struct vs_telemetry` in `c_src/vs_body.h` explains the fields.
 
     Attributes:
@@ -205,10 +203,12 @@ class Telemetry:
 HELLO_ROOMS = ("params_room", "entries_room", "datagram_room")
 HELLO_NUMBERS = ("started", "uptime_s", "tag", "capabilities", *HELLO_ROOMS)
 HELLO_TEXTS = ("name", "controller", "version", "hash")
-HEADER_FIELDS = tuple(field.name for field in fields(Header))
+HEADER_FIELDS = Header._fields
 """Of `struct vs_header`; its key is no part of a packet."""
-TELEMETRY_FIELDS = tuple(field.name for field in fields(Telemetry))[:-3]
+HEADER_NUMBERS = numbers_of("struct vs_header", HEADER_FIELDS)
+TELEMETRY_FIELDS = Telemetry._fields[:-3]
 """Its numbers."""
+TELEMETRY_NUMBERS = numbers_of("struct vs_telemetry", TELEMETRY_FIELDS)
 
 
 def packet_length(data: bytes | bytearray) -> int | None:
@@ -293,7 +293,7 @@ def session_keys(root: bytes, hello: bytes, welcome: bytes) -> tuple[bytes, byte
 
 def header_of(cdata: Any) -> Header:
     """Copies a `struct vs_header`."""
-    return Header(*[getattr(cdata, name) for name in HEADER_FIELDS])
+    return Header._make(HEADER_NUMBERS.unpack_from(ffi.buffer(cdata)))
 
 
 def header_to(header: Header) -> Any:
