@@ -226,5 +226,3 @@ def test_readings_that_replace_others_of_the_same_moment_are_sent_again_and_agai
         for _ in range(2):
             packet = host.state(Orders(), now_ns)
             assert first in packet and second in packet
-    host.forget()
-    assert b"efgh" not in host.state(Orders(), now_ns)

@@ -8,6 +8,7 @@ import pytest
 
 from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, render
 from vsense.base.arena import DETECTION, UNNAMED, Frame
+from vsense.vision.cameras._camera_array import CameraArray
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.cameras.health import (
     Agreement,
@@ -228,7 +229,9 @@ def neighbours() -> tuple[Camera, Camera]:
 def events(places: dict[str, dict[int, tuple[float, float]]], times: int) -> list[str]:
     """What is told when two cameras see markers at these places again and again."""
     agreement, heights = Agreement(), dict.fromkeys(range(5), 0.06)
-    found = {c.id: marker_places(c, detections(c, places[c.id]), heights) for c in neighbours()}
+    cameras = CameraArray(neighbours())
+    pictures = {c.id: detections(c, places[c.id]) for c in cameras.cameras}
+    found = marker_places(cameras, pictures, heights)
     return [str(e) for _ in range(times) for e in agreement.compare(found)]
 
 

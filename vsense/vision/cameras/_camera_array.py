@@ -7,7 +7,7 @@ timestep share them.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -19,6 +19,7 @@ from vsense.vision.cameras.camera import Camera, distort, undistort
 Index = NDArray[np.intp]
 Chosen = NDArray[np.bool_]
 
+_AXES = ("x_px", "y_px")
 _BORDER_POINTS = 33
 _KEPT = 1024
 """Cameras and heights whose ground is not computed anew."""
@@ -38,6 +39,7 @@ class CameraArray:
 
     def __init__(self, cameras: Sequence[Camera]) -> None:
         self.cameras = tuple(cameras)
+        self._number = {camera.id: number for number, camera in enumerate(cameras)}
         self.position_m = np.array([c.position_m for c in cameras], dtype=np.float64)
         self.size_px = np.array([(c.width_px, c.height_px) for c in cameras], dtype=np.float64)
         self.row_time_ns = 1e9 * np.array([c.row_time_s for c in cameras], dtype=np.float64)
@@ -71,6 +73,20 @@ class CameraArray:
         centre = self.position_m[camera]
         reach = (height_m - centre[:, 2]) / rays[:, 2]
         return np.asarray(centre[:, :2] + reach[:, np.newaxis] * rays[:, :2])
+
+    def places(self, pictures: Mapping[str, NDArray[np.void]], height_m: Sequence[float]) -> Floats:
+        """Returns arena x and y [m] of what pictures show, (n, 2).
+
+        `pictures` has the DETECTION array of each picture by its camera, n rows in all; `height_m`
+        is how far above the floor each of these is.
+        """
+        if not height_m:
+            return np.zeros((0, 2))
+        of = np.repeat(
+            [self._number[camera] for camera in pictures], [*map(len, pictures.values())]
+        )
+        x_px, y_px = (np.concatenate([p[axis] for p in pictures.values()]) for axis in _AXES)
+        return self.to_plane(np.stack((x_px, y_px), axis=-1), np.array(height_m), of)
 
     def contain(self, points_px: Floats, camera: Index, margin_px: Floats | float = 0.0) -> Chosen:
         """Whether (n, 2) pixels lie in their camera's picture, so far inside its border."""

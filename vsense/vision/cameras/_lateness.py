@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections import defaultdict, deque
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import combinations, pairwise
+from itertools import combinations, islice, pairwise
 from statistics import median
 from typing import NamedTuple
 
@@ -307,7 +307,10 @@ def _groups(pairs: Iterable[_Pair]) -> list[list[str]]:
 
 def _lag(first: Mapping[int, _Way], second: Mapping[int, _Way]) -> Lag:
     tags = sorted(first.keys() & second.keys())
-    ways = [(np.array(first[tag]), np.array(second[tag])) for tag in tags]
+    every = sum(len(first[tag]) for tag in tags) // _MOST_VIEWS + 1
+    ways = [
+        (np.array([*islice(first[tag], 0, None, every)]), np.array(second[tag])) for tag in tags
+    ]
     here = _off(ways, np.array([-_SHARP_S, 0.0, _SHARP_S]))
     if not np.isfinite(here.off_m).all():
         return _OPEN
@@ -344,8 +347,6 @@ def _off(ways: Sequence[tuple[Floats, Floats]], shifts_s: Floats) -> _Off:
     off = _Off(np.full(len(shifts_s), np.inf), np.zeros(len(shifts_s)))
     if not ways:
         return off
-    every = sum(len(way[0]) for way in ways) // _MOST_VIEWS + 1
-    ways = [(first[::every], second) for first, second in ways]
     gap = np.concatenate([_gaps(*way, shifts_s) for way in ways], axis=1)
     place = np.concatenate([first[:, 1:] for first, _ in ways])
     for row, gaps in enumerate(gap):

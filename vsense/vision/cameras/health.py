@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from itertools import combinations
+from itertools import chain, combinations, compress
 from math import hypot
 from statistics import median
 
@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.arena import UNNAMED, Floats, Frame
+from vsense.vision.cameras._camera_array import CameraArray
 from vsense.vision.cameras._lateness import CameraDelays
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.cameras.grabber import CameraEvent
@@ -193,17 +194,18 @@ MarkerPlaces = dict[int, list[float]]
 
 
 def marker_places(
-    camera: Camera, rows: NDArray[np.void], heights_m: Mapping[int, float]
-) -> MarkerPlaces:
-    """Returns where a picture's DETECTION array shows each tag that it shows once."""
-    counts = Counter(rows["tag"].tolist())
-    once = {tag for tag, n in counts.items() if n == 1 and tag != UNNAMED and tag in heights_m}
-    if not once:
-        return {}
-    rows = rows[[tag in once for tag in rows["tag"].tolist()]]
-    heights = np.array([heights_m[tag] for tag in rows["tag"].tolist()])
-    pixels = np.stack((rows["x_px"], rows["y_px"]), axis=-1)
-    return dict(zip(rows["tag"].tolist(), camera.to_plane(pixels, heights).tolist()))
+    cameras: CameraArray, pictures: Mapping[str, NDArray[np.void]], heights_m: Mapping[int, float]
+) -> dict[str, MarkerPlaces]:
+    """Returns by camera where a DETECTION array of its shows each tag that it shows once."""
+    once, tags = {}, {}
+    for camera, rows in pictures.items():
+        counts = Counter(all_tags := rows["tag"].tolist())
+        known = [tag != UNNAMED and counts[tag] == 1 and tag in heights_m for tag in all_tags]
+        once[camera], tags[camera] = rows[known], list(compress(all_tags, known))
+    heights = [heights_m[tag] for tag in chain.from_iterable(tags.values())]
+    places = iter(cameras.places(once, heights).tolist())
+    # The tags are first: where they end no place is taken.
+    return {camera: dict(zip(mine, places)) for camera, mine in tags.items()}
 
 
 class Health:
@@ -218,7 +220,7 @@ class Health:
         """Watches cameras; at pictures of those `elsewhere` another computer looks."""
         self._heights_m = heights_m
         self._elsewhere = elsewhere
-        self._rig = {c.id: c for c in cameras}
+        self._rig = CameraArray(cameras)
         self._cameras = {c.id: CameraHealth(c) for c in cameras}
         self._delays = CameraDelays()
         self._agreement = Agreement(self._delays)
@@ -255,17 +257,14 @@ class Health:
             self._turn += 1
             rows = detections.get(frame.camera)
             events += self._cameras[frame.camera].check_place(frame.image, rows)
-        places = {c: self._places(c, rows) for c, rows in detections.items()}
+        places = marker_places(self._rig, detections, self._heights_m)
         events += self._check_times(frames, places)
+        together = detections if together is None else together
         # Mostly all pictures of a timestep are checked at once: their places are known.
-        seen = {
-            c: places[c] if rows is detections.get(c) else self._places(c, rows)
-            for c, rows in (detections if together is None else together).items()
-        }
+        others = {c: rows for c, rows in together.items() if rows is not detections.get(c)}
+        known = {c: places[c] for c in together if c not in others}
+        seen = known | marker_places(self._rig, others, self._heights_m)
         return events + self._agreement.compare(seen)
-
-    def _places(self, camera: str, rows: NDArray[np.void]) -> MarkerPlaces:
-        return marker_places(self._rig[camera], rows, self._heights_m)
 
     def _check_times(
         self, frames: Sequence[Frame], places: Mapping[str, MarkerPlaces]
@@ -362,17 +361,16 @@ class Steadiness:
 
     def _mosaic(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Lays the patches side by side, each with its light normalised."""
-        span = np.arange(-_HALF_PX, _HALF_PX)
-        rows = self._places[:, 1, np.newaxis, np.newaxis] + span[:, np.newaxis]
-        columns = self._places[:, 0, np.newaxis, np.newaxis] + span
-        patches = image[rows, columns].astype(np.float32)
-        mean = patches.mean(axis=(1, 2), keepdims=True)
-        deviation = np.maximum(patches.std(axis=(1, 2), keepdims=True), _LEAST_DEVIATION)
-        even = np.clip((patches - mean) * (_GAIN / deviation) + 128.0, 0.0, 255.0)
-        count = -(-len(even) // _COLUMNS) * _COLUMNS
         side = 2 * _HALF_PX
-        tiles = np.full((count, side, side), 128.0, dtype=np.float32)
-        tiles[: len(even)] = even
+        tiles = np.full((-(-len(self._places) // _COLUMNS) * _COLUMNS, side, side), 128.0, "f4")
+        patches = tiles[: len(self._places)]
+        for patch, (left, top) in zip(patches, (self._places - _HALF_PX).tolist()):
+            patch[:] = image[top : top + side, left : left + side]
+        patches -= patches.mean(axis=(1, 2), keepdims=True)
+        deviation = np.sqrt((patches * patches).mean(axis=(1, 2), keepdims=True))
+        patches *= _GAIN / np.maximum(deviation, _LEAST_DEVIATION)
+        patches += 128.0
+        np.clip(patches, 0.0, 255.0, out=patches)
         lines = tiles.reshape(-1, _COLUMNS, side, side).swapaxes(1, 2)
         mosaic = lines.reshape(-1, _COLUMNS * side).astype(np.uint8)
         return np.asarray(cv2.GaussianBlur(mosaic, (0, 0), _BLUR_PX), dtype=np.uint8)

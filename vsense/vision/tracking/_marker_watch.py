@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from statistics import median
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.arena import UNNAMED, Frame
+from vsense.vision.cameras._camera_array import CameraArray
 from vsense.vision.cameras.camera import Camera
 
 UNREAD_S = 5.0
@@ -72,22 +74,25 @@ class MarkerWatch:
 
     def __init__(self, cameras: Sequence[Camera], heights_m: Mapping[int, float]) -> None:
         """Takes the arena's cameras, and the heights of the tags' markers above the floor."""
-        self._cameras = {camera.id: camera for camera in cameras}
+        self._cameras = CameraArray(cameras)
         self._heights_m = heights_m
         self._seen: dict[int, _Seen] = {}
         self._nameless: list[_Seen] = []
 
     def update(self, frames: Sequence[Frame], seen: Mapping[str, NDArray[np.void]]) -> list[str]:
         """Takes pictures' DETECTION arrays, by their cameras; returns lines for people."""
+        ordered = sorted(frames, key=lambda frame: frame.capture_ns)
+        pictures = {f.camera: seen[f.camera] for f in ordered if f.camera in seen}
+        places = self._places(pictures)
         lines: list[str] = []
-        for frame in sorted(frames, key=lambda frame: frame.capture_ns):
-            rows = seen.get(frame.camera)
-            if rows is not None and len(rows):
-                lines += self._look(self._cameras[frame.camera], frame.capture_ns, rows)
+        for frame in ordered:
+            if frame.camera in pictures:
+                rows = pictures[frame.camera]
+                lines += self._look(rows, places[: len(rows)], frame.capture_ns)
+                places = places[len(rows) :]
         return [line for line in lines if line]
 
-    def _look(self, camera: Camera, now_ns: int, rows: NDArray[np.void]) -> list[str]:
-        places = self._places(camera, rows)
+    def _look(self, rows: NDArray[np.void], places: NDArray[np.float64], now_ns: int) -> list[str]:
         lines = [
             self._read(int(rows["tag"][row]), places[row], now_ns)
             for row in np.flatnonzero(rows["read"]).tolist()
@@ -103,12 +108,11 @@ class MarkerWatch:
                 lines.append(self._unnamed(places[row], now_ns, is_legible))
         return lines
 
-    def _places(self, camera: Camera, rows: NDArray[np.void]) -> NDArray[np.float64]:
+    def _places(self, pictures: Mapping[str, NDArray[np.void]]) -> NDArray[np.float64]:
         """Returns (n, 2) where markers are [m]; one without a name is as high as most are."""
-        usual_m = float(np.median(list(self._heights_m.values()) or [0.0]))
-        heights = [self._heights_m.get(tag, usual_m) for tag in rows["tag"].tolist()]
-        pixels = np.stack((rows["x_px"], rows["y_px"]), axis=-1)
-        return camera.to_plane(pixels, np.array(heights))
+        usual_m = median([*self._heights_m.values()] or [0.0])
+        tags = [tag for rows in pictures.values() for tag in rows["tag"].tolist()]
+        return self._cameras.places(pictures, [self._heights_m.get(tag, usual_m) for tag in tags])
 
     def _read(self, tag: int, place: NDArray[np.float64], now_ns: int) -> str:
         """Takes that a robot was read; returns what is to be told, or nothing."""
