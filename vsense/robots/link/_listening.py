@@ -14,8 +14,9 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 from vsense.robots.link import strangers
+from vsense.robots.link._shared import Waker
 from vsense.robots.link._streams import prepare
-from vsense.robots.link.network import Waker, listen
+from vsense.robots.link.network import listen
 from vsense.robots.link.status import LinkError
 from vsense.robots.link.strangers import StrangerLog
 

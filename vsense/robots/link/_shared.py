@@ -7,6 +7,8 @@ with its cause and place, and counted, so that it is found and mended.
 
 from __future__ import annotations
 
+import contextlib
+import socket
 import threading
 import traceback
 from collections.abc import Callable, Iterable
@@ -37,13 +39,42 @@ def cause_of(error: Exception) -> str:
     return f"{message} ({name}:{place.lineno}, {place.name})"
 
 
+class Waker:
+    """Wakes a thread that waits for sockets; it is registered like one, by its `fileno`."""
+
+    def __init__(self) -> None:
+        self._in, self._out = socket.socketpair()
+        for sock in (self._in, self._out):
+            sock.setblocking(False)
+
+    def fileno(self) -> int:
+        """What becomes readable after `wake`."""
+        return self._in.fileno()
+
+    def wake(self) -> None:
+        """Wakes the thread; any thread, also after `close`."""
+        # Full: the thread is about to wake. Closed: it has ended.
+        with contextlib.suppress(OSError):
+            self._out.send(b"\0")
+
+    def drain(self) -> None:
+        """Forgets all calls of `wake`; never waits."""
+        with contextlib.suppress(OSError):
+            self._in.recv(4096)
+
+    def close(self) -> None:
+        """Closes both ends; can be called again."""
+        self._in.close()
+        self._out.close()
+
+
 @dataclass(frozen=True, slots=True)
 class ServerState:
     """What both threads use.
 
     Attributes:
         roster: robots and orders.
-        lock: guards the roster and the connections' outboxes; held for one packet at a time.
+        lock: guards the roster and the connections' outboxes; held for few packets at a time.
         clock: the host's monotonic clock [ns].
         notify: takes events; never called under the lock.
         tick: is called often, with the time.

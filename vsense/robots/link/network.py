@@ -14,8 +14,9 @@ import selectors
 import socket
 import time
 from collections import Counter, deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from vsense.base.clock import real_s
 from vsense.base.native import WireError
 from vsense.robots.link._links import FINISH_NS, READ, Connections
 from vsense.robots.link._session import Address, HostSession, PendingSession
-from vsense.robots.link._shared import ServerState
+from vsense.robots.link._shared import ServerState, Waker
 from vsense.robots.link.status import LinkError, LinkEvent
 from vsense.robots.link.wire import GoodbyeCause, session_of
 
@@ -48,35 +49,6 @@ class Ports:
     tcp: socket.socket
     udp: socket.socket
     port: int
-
-
-class Waker:
-    """Wakes a thread that waits for sockets; it is registered like one, by its `fileno`."""
-
-    def __init__(self) -> None:
-        self._in, self._out = socket.socketpair()
-        for sock in (self._in, self._out):
-            sock.setblocking(False)
-
-    def fileno(self) -> int:
-        """What becomes readable after `wake`."""
-        return self._in.fileno()
-
-    def wake(self) -> None:
-        """Wakes the thread; any thread, also after `close`."""
-        # Full: the thread is about to wake. Closed: it has ended.
-        with contextlib.suppress(OSError):
-            self._out.send(b"\0")
-
-    def drain(self) -> None:
-        """Forgets all calls of `wake`; never waits."""
-        with contextlib.suppress(OSError):
-            self._in.recv(4096)
-
-    def close(self) -> None:
-        """Closes both ends; can be called again."""
-        self._in.close()
-        self._out.close()
 
 
 def bind(host: str, port: int) -> Ports:
@@ -198,6 +170,9 @@ TOGETHER_NS = 5_000_000
 """What is due so soon leaves at once: a swarm's heartbeats then need few looks at all robots, where
 each of 100 would need one of its own."""
 
+FEW = 8
+"""Robots for which the lock is kept in a row: the readings of a timestep wait no longer."""
+
 SELECT_TIMEOUT_NS = 250_000_000
 """Longest wait in the selector: deadlines of connections are kept to this accuracy."""
 
@@ -233,25 +208,49 @@ class ServerThread:
         With `surely` it goes on both ways at once, also where UDP works. What fails here fails for
         this robot alone: the thread ends its session.
         """
-        try:
-            self._send(robot, now_ns, surely)
-        except Exception as error:
-            self._failed.append((robot, error))
-            self.wake()
+        self._pass_on(robot, self._make(robot, now_ns), now_ns, surely)
 
-    def _send(self, robot: HostSession, now_ns: int, surely: bool) -> None:
-        if self.silent:
+    def send_all(self, robots: Iterable[HostSession]) -> None:
+        """As `send`, to some robots in their order.
+
+        Packets of a few are made, then these leave: each is faster where the other does not come
+        between, and no packet waits long after the time that is written in it.
+        """
+        waiting = iter(robots)
+        while few := [*islice(waiting, FEW)]:
+            made = [(r, self._make(r, self._shared.clock())) for r in few]
+            for robot, packet in made:
+                self._pass_on(robot, packet, self._shared.clock(), False)
+
+    def _make(self, robot: HostSession, now_ns: int) -> bytes:
+        """A robot's next STATE; b"": none leaves."""
+        try:
+            if not self.silent:
+                return robot.state(self._shared.roster.orders.of(robot.tag), now_ns)
             robot.plan(now_ns)
+        except Exception as error:
+            self._fail(robot, error)
+        return b""
+
+    def _pass_on(self, robot: HostSession, packet: bytes, now_ns: int, surely: bool) -> None:
+        if not packet:
             return
-        packet = robot.state(self._shared.roster.orders.of(robot.tag), now_ns)
-        by_tcp = surely or robot.by_tcp(now_ns)
-        for way in robot.ways(now_ns):
-            try:
-                self._ports.udp.sendto(packet, way)
-            except OSError:
-                robot.unsent += not by_tcp
-        if by_tcp:
-            self._links.put_state(robot, packet)
+        try:
+            by_tcp = surely or robot.by_tcp(now_ns)
+            for way in robot.ways(now_ns):
+                try:
+                    self._ports.udp.sendto(packet, way)
+                except OSError:
+                    robot.unsent += not by_tcp
+            if by_tcp:
+                self._links.put_state(robot, packet)
+        except Exception as error:
+            self._fail(robot, error)
+
+    def _fail(self, robot: HostSession, error: Exception) -> None:
+        """Has the thread end the session of a robot at whose packets a defect was met."""
+        self._failed.append((robot, error))
+        self.wake()
 
     def wake(self) -> None:
         """Has the thread look at deadlines and unfinished streams at once."""
@@ -325,12 +324,12 @@ class ServerThread:
         self._due_ns = 0
 
     def _receive(self, _mask: int) -> None:
-        for _ in range(DATAGRAMS):
-            try:
-                datagram, source = self._ports.udp.recvfrom(DATAGRAM_ROOM)
-            except OSError:
-                return
-            self._dispatch(datagram, source, self._shared.clock())
+        heard = []
+        with contextlib.suppress(OSError):
+            for _ in range(DATAGRAMS):
+                heard.append((*self._ports.udp.recvfrom(DATAGRAM_ROOM), self._shared.clock()))
+        for datagram, source, now_ns in heard:
+            self._dispatch(datagram, source, now_ns)
 
     def _dispatch(self, datagram: bytes, source: Address, now_ns: int) -> None:
         """Gives a datagram to the robot whose session it names; answers a new address at once."""
@@ -377,23 +376,24 @@ class ServerThread:
         """Sends what is due now or soon, notices silence, and finds the next deadline."""
         now_ns = self._shared.clock()
         due_ns = now_ns + SELECT_TIMEOUT_NS
-        for robot in self._shared.roster.robots.values():
-            try:
-                due_ns = min(due_ns, self._keep_time_of(robot, now_ns, due_ns))
-            except Exception as error:
-                self._links.contain(error, robot)
+        waiting = iter(self._shared.roster.robots.values())
+        while few := [*islice(waiting, FEW)]:
+            due_ns = min(due_ns, self._keep_time_of(few, now_ns, due_ns))
         self._links.keep_time(now_ns)
         self._shared.tick(now_ns)
         self._due_ns = due_ns
 
-    def _keep_time_of(self, robot: HostSession, now_ns: int, idle_ns: int) -> int:
-        """Does for one robot what is due, and gives when its next STATE is; else `idle_ns`."""
+    def _keep_time_of(self, robots: Sequence[HostSession], now_ns: int, idle_ns: int) -> int:
+        """Does for a few robots what is due; gives when their next STATE is, else `idle_ns`."""
+        events: list[LinkEvent] = []
         with self._shared.lock:
-            if not robot.open:
-                return idle_ns
-            events = robot.tick(now_ns)
-            if robot.due_ns <= now_ns + TOGETHER_NS:
-                self.send(robot, self._shared.clock())
-            due_ns = robot.due_ns
+            there = [robot for robot in robots if robot.open]
+            for robot in there:
+                try:
+                    events += robot.tick(now_ns)
+                except Exception as error:
+                    self._fail(robot, error)
+            self.send_all(r for r in there if r.due_ns <= now_ns + TOGETHER_NS)
+            due_ns = min((robot.due_ns for robot in there), default=idle_ns)
         self._shared.notify_all(events)
         return due_ns

@@ -130,8 +130,7 @@ class VirtualSensorServer:
         with self._lock:
             for tag, robot in self._roster.robots.items():
                 robot.hold(timestep, capture_ns, values.get(tag), goals.get(tag, STAY))
-                if robot.open:
-                    network.send(robot, self._clock())
+            network.send_all(r for r in self._roster.robots.values() if r.open)
         network.wake_for_streams()
         return self._clock()
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vsense.base.arena import POSE, SIGHTING, ArenaState, Frame
-from vsense.robots.link.network import Waker
+from vsense.robots.link._shared import Waker
 from vsense.robots.link.status import LinkError
 from vsense.robots.link.trackers.protocol import TrackerReport
 
