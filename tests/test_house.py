@@ -456,7 +456,7 @@ BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 
-CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 76670, 49, 19
+CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 76690, 49, 19
 """Lines of code in `vsense/`; imports between rooms, and between folders inside of rooms."""
 DOORS_MAX, NAMES_MAX = 205, 808
 """Modules that another room imports, and names taken from them."""

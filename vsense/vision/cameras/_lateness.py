@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections import defaultdict, deque
 from collections.abc import Iterable, Mapping, Sequence
-from itertools import combinations, islice, pairwise
+from itertools import chain, combinations, islice, pairwise
 from statistics import median
 from typing import NamedTuple
 
@@ -308,9 +308,7 @@ def _groups(pairs: Iterable[_Pair]) -> list[list[str]]:
 def _lag(first: Mapping[int, _Way], second: Mapping[int, _Way]) -> Lag:
     tags = sorted(first.keys() & second.keys())
     every = sum(len(first[tag]) for tag in tags) // _MOST_VIEWS + 1
-    ways = [
-        (np.array([*islice(first[tag], 0, None, every)]), np.array(second[tag])) for tag in tags
-    ]
+    ways = [(_rows(islice(first[tag], 0, None, every)), _rows(second[tag])) for tag in tags]
     here = _off(ways, np.array([-_SHARP_S, 0.0, _SHARP_S]))
     if not np.isfinite(here.off_m).all():
         return _OPEN
@@ -324,6 +322,11 @@ def _lag(first: Mapping[int, _Way], second: Mapping[int, _Way]) -> Lag:
         return _OPEN
     vertex = _vertex(off.off_m[best - 1 : best + 2] ** 2)
     return Lag(float(_SHIFTS_S[best]) + _STEP_S * vertex, float(off.apart_m[best]), True)
+
+
+def _rows(views: Iterable[tuple[int, float, float]]) -> Floats:
+    """Returns (n, 3) the views of a way."""
+    return np.fromiter(chain.from_iterable(views), np.float64).reshape(-1, 3)
 
 
 def _is_sharp(off_m: Floats, best: int, reach: int) -> bool:
