@@ -92,7 +92,7 @@ class Effect(Enum):
     GLOW = "light that it adds, in units of EMISSION_DN"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Sprite:
     """A flat picture at one height above the floor, already as blurred as in the camera.
 

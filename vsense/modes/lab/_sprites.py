@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -85,23 +86,29 @@ class Look:
 
 def look_of(sprites: Sequence[Sprite]) -> Look:
     """The look of one body."""
-    sheets = np.zeros(len(sprites), dtype=SHEET)
-    for sheet, sprite in zip(sheets, sprites):
-        for texture in (sprite.texture, sprite.cover):
-            assert texture.flags.c_contiguous and texture.dtype == np.float32
-        row = sheet["sprite"]
-        row["texture"] = sprite.texture.ctypes.data
-        row["cover"] = sprite.cover.ctypes.data
-        row["side"] = sprite.texture.shape[0]
-        row["reach"], row["core"] = _reach(sprite), _core(sprite.cover)
-        row["flat"] = sprite.cover[_middle(sprite.cover)]
-        row["effect"] = _EFFECTS[sprite.effect]
-        row["strength"] = EMISSION_DN if sprite.effect is Effect.GLOW else sprite.reflectance
-        row["below_m"] = sprite.height_m + _SAME_HEIGHT_M
-        sheet["radius_m"], sheet["height_m"] = sprite.radius_m, sprite.height_m
-        sheet["middle_px"] = sprite.texture.shape[0] / 2.0 - 0.5
-        sheet["moving"] = sprite.moving
+    sheets = np.concatenate([np.zeros(0, dtype=SHEET), *map(_sheet, sprites)])
     return Look(sheets, np.zeros(len(sheets), dtype=np.intp), sprites)
+
+
+@lru_cache(maxsize=4096)
+def _sheet(sprite: Sprite) -> NDArray[np.void]:
+    """Returns (1,) SHEET; bodies share sprites, and blink with the same ones again and again."""
+    for texture in (sprite.texture, sprite.cover):
+        assert texture.flags.c_contiguous and texture.dtype == np.float32
+    sheet = np.zeros(1, dtype=SHEET)
+    row = sheet["sprite"]
+    row["texture"] = sprite.texture.ctypes.data
+    row["cover"] = sprite.cover.ctypes.data
+    row["side"] = sprite.texture.shape[0]
+    row["reach"], row["core"] = _reach(sprite), _core(sprite.cover)
+    row["flat"] = sprite.cover[_middle(sprite.cover)]
+    row["effect"] = _EFFECTS[sprite.effect]
+    row["strength"] = EMISSION_DN if sprite.effect is Effect.GLOW else sprite.reflectance
+    row["below_m"] = sprite.height_m + _SAME_HEIGHT_M
+    sheet["radius_m"], sheet["height_m"] = sprite.radius_m, sprite.height_m
+    sheet["middle_px"] = sprite.texture.shape[0] / 2.0 - 0.5
+    sheet["moving"] = sprite.moving
+    return sheet
 
 
 _BETWEEN = 1.5
