@@ -55,6 +55,25 @@ def test_error_is_one_line_and_its_exit_code(
     assert capsys.readouterr().err == "vsense: no such thing\n"
 
 
+LONG = "x" * 300
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "sim", "lab", "run", "track", "replay", "export", "report", "pack", "reproduce", "series",
+        "benchmark check", "camera track", "camera calibrate import -o x", "robot list --roster",
+        "camera markers find --family arrow4x4",
+    ],
+)  # fmt: skip
+def test_a_name_that_no_file_can_have_is_said(
+    words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main([*words.split(), LONG]) == 2
+    said = capsys.readouterr().err
+    assert LONG in said and said.startswith("vsense: ") and said.count("\n") == 1
+
+
 def test_every_command_explains_itself(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         cli.main(["--help"])

@@ -142,7 +142,7 @@ def replace_bytes(path: Path, data: bytes, mode: int | None = None) -> None:
     Raises:
         OSError: it cannot be written; what was there is there still.
     """
-    old = path.stat() if path.exists() else None
+    old = path.stat() if os.path.exists(path) else None
     if mode is None and old is not None:
         mode = stat.S_IMODE(old.st_mode)
     new = path.with_name(f".{path.name}.{secrets.token_hex(4)}")

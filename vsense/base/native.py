@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
+import os
 import warnings
 from pathlib import Path
 from typing import Any
@@ -93,7 +94,7 @@ def stale_files(root: Path) -> list[str]:
     Gives of each library that differs the missing files, or all of its files if only their content
     differs. Without `c_src/build_ffi.py` there is nothing to compare.
     """
-    if not (root / "c_src" / "build_ffi.py").is_file():
+    if not os.path.isfile(root / "c_src" / "build_ffi.py"):
         return []
     return [*_stale(root, ffi, lib), *_stale(root, kernel_ffi, kernels)]
 
@@ -101,7 +102,7 @@ def stale_files(root: Path) -> list[str]:
 def _stale(root: Path, ffi: Any, lib: Any) -> list[str]:
     """`stale_files` of one library."""
     names: list[str] = ffi.string(lib.vs_built_from()).decode().splitlines()
-    missing = [name for name in names if not (root / name).is_file()]
+    missing = [name for name in names if not os.path.isfile(root / name)]
     if missing:
         return missing
     digest = hashlib.sha256()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import tempfile
 from collections.abc import Collection, Sequence
 from dataclasses import asdict, replace
@@ -229,7 +230,7 @@ def _program(options: argparse.Namespace) -> ProgramSources:
     code, name = _arguments.code_of(options), options.controller
     extra = folders(code.includes, Path.cwd(), cache_directory()) if code.includes else []
     patterns = code.patterns(stem_of(name))
-    if not patterns and Path(name).is_dir():
+    if not patterns and os.path.isdir(Path(name)):
         patterns = [name]
     named = finding.named(patterns, Path.cwd(), name, options.label, extra)
     program = named or source_tree().program(name)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
@@ -257,7 +258,7 @@ def _unusable(name: str, value: Any) -> str:
 
 def neighbours() -> list[str]:
     """The addresses that this machine has talked to on its own networks, at most 256."""
-    if not NEIGHBOURS.exists():
+    if not os.path.exists(NEIGHBOURS):
         return []
     rows = [line.split() for line in read_bytes(NEIGHBOURS).decode().splitlines()[1:]]
     return [row[0] for row in rows if len(row) > 2 and row[2] == _COMPLETE][:_MOST]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -80,7 +81,7 @@ def holders_of(options: argparse.Namespace) -> Path:
 def renewing(plan: Plan, options: argparse.Namespace, robots: Sequence[RobotHost]) -> Plan:
     """A plan that brings the newest key, too, to those of the robots that have a former one."""
     path = _experiments.key_path(options)
-    if not path.exists():
+    if not os.path.exists(path):
         return plan
     store, holders = KeyProcess(path), key_holders.read(holders_of(options))
     older = [holder for holder in holders if holder.key != store.newest]
@@ -103,7 +104,7 @@ def run(options: argparse.Namespace) -> int:
     path = _experiments.key_path(options)
     if options.new_key:
         swarm_keys.follow(path)
-    if not path.exists():
+    if not os.path.exists(path):
         raise UsageError(f"no swarm key ({path}): --new-key makes one")
     if options.forget is not None:
         _forget(path, options.forget)

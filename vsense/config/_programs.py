@@ -199,7 +199,7 @@ def _of_script(element: Element, folder: Path) -> tuple[str, ProgramSources]:
     given = os.path.expanduser(os.path.expandvars(script))
     for place in (folder, Path.cwd(), *folder.resolve().parents[:_MAX_UP]):
         path = place / given
-        if path.is_file():
+        if os.path.isfile(path):
             if path.suffix != LUA:
                 raise params.error(f"{shown(script)} is no .lua file", "script")
             return script, ProgramSources((path.resolve(),))

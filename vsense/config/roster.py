@@ -169,7 +169,7 @@ def find_roster(path: Path | None, here: bool = True) -> Roster | None:
     if path is not None:
         return read(path)
     usual = Path(FILE_NAME)
-    return read(usual) if here and usual.exists() else None
+    return read(usual) if here and os.path.exists(usual) else None
 
 
 def require_roster(path: Path | None) -> Roster:
@@ -221,7 +221,7 @@ def update(path: Path, changes: Mapping[int, Mapping[str, Any]]) -> Roster:
 
 def read_known(path: Path) -> tuple[RosterRobot, ...]:
     """Reads the robots of a roster that may name none yet, or not be there; raises as `read`."""
-    return _read(path, read_toml_text(path), least=0).robots if path.exists() else ()
+    return _read(path, read_toml_text(path), least=0).robots if os.path.exists(path) else ()
 
 
 def extend(path: Path, robots: Sequence[Mapping[str, Any]], head: str) -> Roster:
@@ -246,7 +246,7 @@ def extend(path: Path, robots: Sequence[Mapping[str, Any]], head: str) -> Roster
         for values in robots
     ]
     new = "\n".join(tables)
-    if not path.exists():
+    if not os.path.exists(path):
         _read(path, new)  # nothing is left of a file that would be wrong
     read_known(path)  # which refuses pipes and devices
     with failing_as(UsageError, f"cannot write {path}"), suppress(FileExistsError):
@@ -336,7 +336,7 @@ def _locked(path: Path) -> Iterator[BinaryIO]:
             raise UsageError(f"cannot write {path}: {error.strerror}") from None
         with file:
             fcntl.flock(file, fcntl.LOCK_EX)
-            if path.exists() and os.path.samestat(os.fstat(file.fileno()), path.stat()):
+            if os.path.exists(path) and os.path.samestat(os.fstat(file.fileno()), path.stat()):
                 yield file
                 return
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TypeVar
@@ -61,10 +62,10 @@ def load_whole(path: str | Path) -> TrackingSession:
         ConfigError: it is wrong, or leaves open which camera has which pictures or tracker.
     """
     folder = Path(path)
-    if not folder.is_dir():
+    if not os.path.isdir(folder):
         return session_of(resources_file.load(path), folder.parent)
     resources = resources_file.load(folder / RESOURCES_FILE)
-    if (folder / EXPERIMENT_FILE).exists():
+    if os.path.exists(folder / EXPERIMENT_FILE):
         return _load(resources, folder / EXPERIMENT_FILE)
     return session_of(resources, folder)
 

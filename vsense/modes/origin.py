@@ -237,7 +237,7 @@ def _named(experiments: Sequence[Experiment], more_files: Iterable[Path] = ()) -
 def _absolute(setup: Setup) -> dict[str, Any]:
     """A setup that does not depend on the present folder."""
     here, path = Path.cwd(), Path(setup.experiment)
-    name = str(path.absolute()) if path.is_file() else setup.experiment
+    name = str(path.absolute()) if os.path.isfile(path) else setup.experiment
     return asdict(replace(setup, experiment=name, code=setup.code.absolute(here)))
 
 

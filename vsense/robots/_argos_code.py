@@ -7,6 +7,7 @@ folder of headers of one line each is made in the cache.
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 import tempfile
 from collections.abc import Sequence
@@ -98,7 +99,7 @@ def forwarding(argos: Path, cache: Path) -> Path:
     table = (argos / "headers.txt").read_text(encoding="utf-8")
     digest = hashlib.sha256(f"{argos}\0{table}".encode()).hexdigest()[:16]
     folder = cache / f"argos-{digest}"
-    if folder.is_dir():
+    if os.path.isdir(folder):
         return folder
     cache.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f"{folder.name}.", dir=cache) as making:
@@ -110,7 +111,7 @@ def forwarding(argos: Path, cache: Path) -> Path:
         try:
             tree.rename(folder)
         except OSError:
-            if not folder.is_dir():  # another process was faster: its folder is the same
+            if not os.path.isdir(folder):  # another process was faster: its folder is the same
                 raise
     return folder
 
@@ -122,7 +123,7 @@ def missing_headers(program: ProgramSources) -> list[tuple[Path, int, str]]:
         for name, _ in included(path):
             if not name.startswith(ARGOS) or name in known_headers():
                 continue
-            if not any((folder / name).is_file() for folder in program.includes):
+            if not any(os.path.isfile(folder / name) for folder in program.includes):
                 missing.append((path, _line(path, name), name))
     return missing
 

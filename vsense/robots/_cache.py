@@ -49,9 +49,9 @@ def cache_directory() -> Path:
 
 def built(target: Path, build: Callable[[Path], None]) -> Path:
     """Gives a build, made where it is missing: by one process, for which the others wait."""
-    if not target.is_file():
+    if not os.path.isfile(target):
         with _locked(target.parent):
-            if not target.is_file():
+            if not os.path.isfile(target):
                 build(target)
     return target
 
@@ -136,7 +136,7 @@ def with_parts(sources: Sources, toolchain: Toolchain, flags: Sequence[str] = ()
         digest.update(os.fsencode(path.name) + b"\0" + content(path) + b"\0")
     folder = cache_directory() / "parts" / digest.hexdigest()[:24]
     objects = {path: folder / f"{path.parent.name}-{path.stem}.o" for path in shared}
-    if not all(target.is_file() for target in objects.values()):
+    if not all(os.path.isfile(target) for target in objects.values()):
         with _locked(folder):
             _compile(sources, toolchain, flags, objects)
     return replace(sources, own=[objects.get(path, path) for path in sources.own])
@@ -158,7 +158,7 @@ def _compile(
 
     from concurrent.futures import ThreadPoolExecutor  # only what is built waits for it
 
-    missing = [source for source, target in objects.items() if not target.is_file()]
+    missing = [source for source, target in objects.items() if not os.path.isfile(target)]
     try:
         next(iter(objects.values())).parent.mkdir(parents=True, exist_ok=True)
         with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as workers:

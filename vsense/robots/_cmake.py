@@ -6,6 +6,7 @@ branches of conditions: which of two targets of a name counts is said in `Reposi
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -89,7 +90,7 @@ class _Reader:
 
     def read(self, path: Path, folder: Path, scope: dict[str, str]) -> None:
         """Reads a file; its relative paths are taken from `folder`."""
-        if path in self._done or self._depth >= _MAX_DEPTH or not path.is_file():
+        if path in self._done or self._depth >= _MAX_DEPTH or not os.path.isfile(path):
             return
         self._done.add(path)
         self._depth += 1
@@ -141,7 +142,11 @@ class _Reader:
     def _include(self, folder: Path, words: list[str]) -> None:
         for word in words:
             path = (folder / word).resolve()
-            if word not in _KEYWORDS and path.is_dir() and path not in self.repository.includes:
+            if (
+                word not in _KEYWORDS
+                and os.path.isdir(path)
+                and path not in self.repository.includes
+            ):
                 self.repository.includes.append(path)
 
 
@@ -165,13 +170,13 @@ def _expanded(word: str, scope: dict[str, str]) -> str:
 
 def _files(folder: Path, words: Sequence[str]) -> list[Path]:
     paths = [(folder / word).resolve() for word in words if word.endswith(SOURCE_SUFFIXES)]
-    return [path for path in paths if path.is_file()]
+    return [path for path in paths if os.path.isfile(path)]
 
 
 def _glob(folder: Path, patterns: Sequence[str], deep: bool) -> list[Path]:
     paths: list[Path] = []
     for pattern in patterns:
         start, name = (folder / pattern).parent, Path(pattern).name
-        if pattern not in ("RELATIVE", "CONFIGURE_DEPENDS") and start.is_dir():
+        if pattern not in ("RELATIVE", "CONFIGURE_DEPENDS") and os.path.isdir(start):
             paths += sorted(start.rglob(name) if deep else start.glob(name))
     return paths

@@ -210,7 +210,7 @@ class SourceTree:
         if name in shipped:
             return shipped[name]
         path = (beside or Path()) / name
-        if path.suffix in PROGRAM_SUFFIXES and path.is_file():
+        if path.suffix in PROGRAM_SUFFIXES and os.path.isfile(path):
             return path.resolve()
         kinds = [path.suffix] if path.suffix in (PYTHON, POLICY) else (".c", *CXX_SUFFIXES)
         names = (p.name for p in path.parent.glob("*") if p.suffix in kinds)
@@ -228,7 +228,7 @@ def source_tree() -> SourceTree:
         BuildError: neither is there.
     """
     for root in source_roots():
-        if (root / "robot" / "main.c").is_file():
+        if os.path.isfile(root / "robot" / "main.c"):
             return SourceTree(root)
     raise BuildError(
         f"the daemon's C sources are missing from {source_roots()[0]}: install vsense again"
@@ -282,7 +282,7 @@ def daemon(
     tree = source_tree()
     program = on_robots(tree.program(controller, beside))
     shipped = (tree.controllers()[SHIPPED_CONTROLLER],)
-    if program.sources == shipped and tree.prebuilt.is_file():
+    if program.sources == shipped and os.path.isfile(tree.prebuilt):
         return tree.prebuilt
     target = cache_directory() / _fingerprint(tree, program) / "vsensed"
     return _cache.built(target, partial(compile_daemon, tree, program))

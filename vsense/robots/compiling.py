@@ -207,7 +207,7 @@ class Sources:
             after = [*after, *compiler.debug]
             words = [*compiler.command, *compiler.flags, *language, *after, *flags]
             cached = self._cached_path(source, [version, *words])
-            if cached is not None and cached.is_file():
+            if cached is not None and os.path.isfile(cached):
                 return str(cached)
             self._run(compiler, language, [*after, *flags, "-c", str(source), "-o", str(target)])
             if source in self.program.sources and self.what == "controller":
@@ -304,7 +304,7 @@ class Sources:
             return []
         with_runtime = not self.plain or _argos_code.needs_runtime(self.program)
         runtime = ("-fexceptions", "-funwind-tables") if with_runtime else PLAIN
-        argos = next(path for path in self._our_folders() if (path / "headers.txt").is_file())
+        argos = next(path for path in self._our_folders() if os.path.isfile(path / "headers.txt"))
         try:
             folder = _argos_code.forwarding(argos, self.cache)
         except OSError as error:

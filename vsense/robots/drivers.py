@@ -7,6 +7,7 @@ be named alone, by its file or as a shipped one: "exec:mine.py /dev/ttyUSB0", "e
 
 from __future__ import annotations
 
+import os
 import shlex
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -82,7 +83,7 @@ class Driver:
 def _file(word: str, beside: Path) -> Path | None:
     """The file of that name beside the roster, or among the shipped drivers."""
     for folder in (beside, source_tree().drivers):
-        if "/" not in word and (path := folder / word).is_file():
+        if "/" not in word and os.path.isfile(path := folder / word):
             return path.resolve()
     return None
 

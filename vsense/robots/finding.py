@@ -89,7 +89,7 @@ def named(
     """
     if not patterns:
         return None
-    if len(patterns) == 1 and (folder / patterns[0]).is_dir():
+    if len(patterns) == 1 and os.path.isdir(folder / patterns[0]):
         program = find_in(folder / patterns[0], library, label, extra, macro)
         if program is not None:
             return program
@@ -123,7 +123,7 @@ def complete(
     if repository is not None:
         includes.update(dict.fromkeys(repository.includes))
         beside = [repository.root, repository.root / "src"]
-        includes.update(dict.fromkeys(path for path in beside if path.is_dir()))
+        includes.update(dict.fromkeys(path for path in beside if os.path.isdir(path)))
     includes.update(dict.fromkeys(path.parent for path in sources))
     chosen = [path for path in sources if belongs(path, macro)] or list(sources)
     # The file that registers the label comes first: errors are about it.
@@ -153,9 +153,9 @@ def _beside(folder: Path, name: str, macro: str) -> list[Path]:
     """Files called like the library, or all in a folder of its name."""
     alone = [folder / f"{name}{suffix}" for suffix in SOURCE_SUFFIXES]
     within = folder / name
-    several = sorted(within.iterdir()) if within.is_dir() else []
+    several = sorted(within.iterdir()) if os.path.isdir(within) else []
     for candidates in (alone, [path for path in several if path.suffix in SOURCE_SUFFIXES]):
-        there = [path.resolve() for path in candidates if path.is_file()]
+        there = [path.resolve() for path in candidates if os.path.isfile(path)]
         if any(registers(path, macro) for path in there):
             return there
     return []
@@ -184,7 +184,7 @@ def _roots(library: str, folder: Path) -> list[Path]:
     places = [folder.resolve()]
     path = (folder / os.path.expanduser(library)).resolve() if "/" in library else None
     if path is not None:
-        places += [next((p for p in path.parents if p.is_dir()), folder)]
+        places += [next((p for p in path.parents if os.path.isdir(p)), folder)]
     return list(dict.fromkeys(root for place in places if (root := _root(place)) is not None))
 
 
@@ -194,9 +194,9 @@ def _root(place: Path) -> Path | None:
     for path in (place, *list(place.parents)[:_MAX_UP]):
         if path in (Path.home(), Path(path.anchor)):
             break
-        if (path / ".git").exists():
+        if os.path.exists(path / ".git"):
             return path
-        if (path / _cmake.LIST).is_file():
+        if os.path.isfile(path / _cmake.LIST):
             root = path
     return None if root in (Path.home(), Path(root.anchor)) else root
 

@@ -69,9 +69,9 @@ def commit() -> str:
     A checkout with changes has a "+" behind it.
     """
     installed, checkout = source_roots()
-    if (installed / COMMIT).is_file():
+    if os.path.isfile(installed / COMMIT):
         return (installed / COMMIT).read_text().strip()
-    return of_checkout(checkout) if (checkout / ".git").exists() else ""
+    return of_checkout(checkout) if os.path.exists(checkout / ".git") else ""
 
 
 def of_checkout(root: Path) -> str:
@@ -93,7 +93,7 @@ def of_checkout(root: Path) -> str:
 def known_headers() -> Mapping[str, str]:
     """Our headers' names in `robot/argos/` by what ARGoS's users include."""
     tables = (root / "robot" / "argos" / "headers.txt" for root in source_roots())
-    table = next((path for path in tables if path.is_file()), None)
+    table = next((path for path in tables if os.path.isfile(path)), None)
     lines = [] if table is None else table.read_text(encoding="utf-8").splitlines()
     pairs = (line.split() for line in lines if line and not line.startswith("#"))
     return {ARGOS + theirs: ours for theirs, ours in pairs}
@@ -228,9 +228,9 @@ def files(patterns: Iterable[str], folder: Path) -> list[Path]:
         path = folder / os.path.expanduser(pattern)
         names = (
             [str(p) for p in path.iterdir()]
-            if path.is_dir()
+            if os.path.isdir(path)
             else [str(path)]
-            if path.is_file()
+            if os.path.isfile(path)
             else glob.glob(str(path), recursive=True)
         )
         here = [Path(name).resolve() for name in sorted(names) if name.endswith(SOURCE_SUFFIXES)]
@@ -252,7 +252,7 @@ def folders(includes: Iterable[str], folder: Path, cache: Path) -> list[Path]:
     for include in includes:
         prefix, equals, name = include.rpartition("=")
         path = (folder / os.path.expanduser(name)).resolve()
-        if not path.is_dir():
+        if not os.path.isdir(path):
             raise UsageError(f"--include {include}: {path} is no folder")
         paths.append(_linked(prefix, path, cache) if equals else path)
     return paths
@@ -339,7 +339,7 @@ def headers(sources: Sequence[Path], includes: Sequence[Path]) -> dict[Path, Non
                 continue
             for folder in ([path.parent] if is_quoted else []) + list(includes):
                 candidate = folder / name
-                if candidate.is_file():
+                if os.path.isfile(candidate):
                     candidate = candidate.resolve()
                     if candidate not in paths:
                         paths[candidate] = None
@@ -364,7 +364,7 @@ def with_sources_of_headers(
             for source in (header.with_suffix(suffix) for suffix in SOURCE_SUFFIXES)
             if source not in paths
             and source not in used
-            and source.is_file()
+            and os.path.isfile(source)
             and belongs(source, macro)
         ]
         if not more:

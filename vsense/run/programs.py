@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -71,7 +72,7 @@ def told_programs(experiment: Experiment) -> dict[str, ToldProgram]:
 
 def _told_program(controller: ControllerSpec) -> ToldProgram:
     program = build.on_robots(controller.program)
-    texts = (path.read_text(errors="replace") for path in program.sources if path.is_file())
+    texts = (path.read_text(errors="replace") for path in program.sources if os.path.isfile(path))
     names = [match[1] for match in map(_NAME.search, texts) if match]
     if program.is_argos or program.is_policy:
         names = [program.short_name]

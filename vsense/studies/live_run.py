@@ -148,7 +148,7 @@ class LiveRun:
         self._show()
         runs = sorted(self.folder.glob("run-*"), key=lambda path: int(path.name[4:]))
         for folder in (*reversed(runs), self.folder):
-            if (folder / SUMMARY).exists():
+            if os.path.exists(folder / SUMMARY):
                 return FinishedRun(folder, self._experiment)
         raise self._failure()
 

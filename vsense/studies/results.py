@@ -8,6 +8,7 @@ import html
 import importlib
 import io
 import math
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -65,7 +66,7 @@ class FinishedRun:
     @cached_property
     def _trajectory(self) -> Mapping[str, NDArray[Any]]:
         path = Path(self.folder) / TRAJECTORY
-        if not path.exists() and self.recording.exists():
+        if not os.path.exists(path) and os.path.exists(self.recording):
             return self._recorded()
         cannot = failing_as(VsenseError, f"{path}: cannot be read")
         with cannot, np.load(path, allow_pickle=False) as arrays:
@@ -125,13 +126,13 @@ class FinishedRun:
     def measured(self) -> Columns:
         """The measures over time: `time_s`, and (t,) of each; empty where nothing is measured."""
         path = Path(self.folder) / MEASURES_CSV
-        return _columns(path, ["time_s"]) if path.exists() else {"time_s": self.time_s}
+        return _columns(path, ["time_s"]) if os.path.exists(path) else {"time_s": self.time_s}
 
     @cached_property
     def events(self) -> list[tuple[float, str]]:
         """What controllers and loop functions logged, and people were told: time [s] and words."""
         path = Path(self.folder) / LOGGED
-        if not path.exists() and self.recording.exists():
+        if not os.path.exists(path) and os.path.exists(self.recording):
             from vsense.monitor.recording.reader import open_recording
 
             with open_recording(self.recording) as recording:
@@ -199,7 +200,7 @@ class FinishedRun:
         words["verdict"] = "valid" if self.valid else f"invalid: {self.summary['why']}"
         words |= {spoken(name): f"{value:g}" for name, value in self.measures.items()}
         table = _table_html(["", self.summary["experiment"]], words.items())
-        if not self.picture.exists():
+        if not os.path.exists(self.picture):
             return table
         # Notebooks show either HTML or a picture: the one holds the other.
         data = base64.b64encode(self.picture.read_bytes()).decode()

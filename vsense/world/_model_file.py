@@ -6,6 +6,7 @@ What the tables mean is said in `vsense.world.robot_models`.
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -151,7 +152,7 @@ def _table_like(
 ) -> dict[str, Any]:
     """The table of a shipped model that one of this file is like; what it says itself counts."""
     path = shipped / f"{table['like']}.toml"
-    if path == file.path or not path.is_file():
+    if path == file.path or not os.path.isfile(path):
         there = instead(table["like"], [p.stem for p in shipped.glob("*.toml")])
         raise file.error(f"there is no shipped model {table['like']!r}; {there}", name, "like")
     lent = read_tables(path, path.read_text(), shipped).get(name)

@@ -216,7 +216,7 @@ def shipped_models() -> tuple[str, ...]:
 
 def models_in(folder: Path) -> list[str]:
     """Names of the files in a folder that may be models: rosters and plans have no wheels."""
-    files = [file for file in sorted(folder.glob(f"*{MODEL_SUFFIX}")) if file.is_file()]
+    files = [file for file in sorted(folder.glob(f"*{MODEL_SUFFIX}")) if os.path.isfile(file)]
     return [file.stem for file in files if "[wheels]" in file.read_text(errors="replace")]
 
 

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import random
 import shlex
 import struct
@@ -251,7 +252,7 @@ def read_trace(robot: LabRobot, sensors: Sequence[str], judged: str | None) -> N
     Raises:
         LabError: a line is no trace line.
     """
-    if not robot.trace.is_file():
+    if not os.path.isfile(robot.trace):
         return np.empty(0, TRACE)
     rows = []
     for number, line in enumerate(robot.trace.read_text().splitlines(keepends=True), 1):

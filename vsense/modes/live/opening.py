@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager, ExitStack, nullcontext
 from dataclasses import dataclass, field, replace
@@ -197,7 +198,7 @@ def trust_of(path: Path | None, insecure: bool) -> LinkTrust:
         VsenseError: the keys cannot be used.
     """
     file = path or keys.default_path()
-    if path is None and not file.exists():
+    if path is None and not os.path.exists(file):
         if insecure:
             return keys.INSECURE
         raise UsageError(

@@ -118,7 +118,7 @@ def named_files(path: Path) -> list[Path]:
     # Of models all: a setting may choose any.
     values |= {f"{name}{MODEL_SUFFIX}" for name in models_in(path.parent)}
     named = (path.parent / value for value in sorted(values) if value and len(value) < MAX_NAME)
-    return _with_imports([path, *(file for file in named if file.is_file())], path.parent)
+    return _with_imports([path, *(file for file in named if os.path.isfile(file))], path.parent)
 
 
 def _with_imports(paths: Sequence[Path], folder: Path) -> list[Path]:
@@ -138,7 +138,7 @@ def _required(file: Path) -> list[Path]:
     """What a script in Lua may require from beside it: NAME.lua or NAME/init.lua, as in ARGoS."""
     names = (name.replace(".", "/") for name in _REQUIRED.findall(_text(file)))
     places = (file.parent / f"{name}{end}" for name in names for end in (".lua", "/init.lua"))
-    return [place for place in places if place.is_file()]
+    return [place for place in places if os.path.isfile(place)]
 
 
 def _imported(file: Path, folder: Path) -> list[Path]:
@@ -162,7 +162,7 @@ def _imported(file: Path, folder: Path) -> list[Path]:
     for place in dict.fromkeys((file.parent, folder)):
         for name in sorted(own):
             found += [place / f"{name}.py", *sorted((place / name).rglob("*.py"))]
-    return [path for path in found if path.is_file()]
+    return [path for path in found if os.path.isfile(path)]
 
 
 def _text(path: Path) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,7 @@ def files_of(path: Path) -> list[Path]:
     Raises:
         UsageError: a folder holds none.
     """
-    if not path.is_dir():
+    if not os.path.isdir(path):
         return [path]
     files = sorted([*path.glob(f"*{MCAP}"), *path.glob(f"*/*{MCAP}")])
     if not files:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,7 @@ def export_rosbag(recording: Recording, folder: Path) -> dict[str, int]:
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
-    if folder.exists():
+    if os.path.exists(folder):
         raise RecordingError(f"{folder}: is there already; expected a new folder")
     store = get_typestore(Stores.ROS2_HUMBLE)
     kinds = {name: store.types[_full(name)] for name in DEFINITIONS}

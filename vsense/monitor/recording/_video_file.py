@@ -37,7 +37,7 @@ class VideoFile(ABC):
         self.path = path
         self.frames = 0
         self._part = path.with_name(f".{path.stem}.part{path.suffix}")
-        if path.exists():
+        if os.path.exists(path):
             raise RecordingError(f"{path}: is there already; expected another name")
         with failing_as(RecordingError, f"{path}: cannot be written"):
             self._part.open("wb").close()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import os
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
@@ -228,7 +229,7 @@ def export_csv(recording: Recording, folder: Path) -> dict[str, int]:
     """
     paths = {name: folder / f"{name}.csv" for name in TABLES}
     for path in paths.values():
-        if path.exists():
+        if os.path.exists(path):
             raise RecordingError(f"{path}: is there already; expected another folder")
     with failing_as(RecordingError, f"{folder}: cannot be written"), ExitStack() as stack:
         folder.mkdir(parents=True, exist_ok=True)

@@ -5,6 +5,7 @@ New recordings have these channels already; older ones, and those of an older fo
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -37,7 +38,7 @@ def export_foxglove(
     """
     beside = path.with_name(f"{path.stem}-layout.json")
     for file in (path, beside):
-        if file.exists():
+        if os.path.exists(file):
             raise RecordingError(f"{file}: is there already; expected a new file")
     writer = RecordingWriter(path, recording.begin_ns, recording.utc_shift_ns)
     try:

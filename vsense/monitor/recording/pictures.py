@@ -6,6 +6,7 @@ Each camera has a folder with numbered pictures and their timestamps; two XML fi
 from __future__ import annotations
 
 import json
+import os
 import queue
 import re
 import textwrap
@@ -88,7 +89,7 @@ class PictureRecorder:
         self._folders: dict[str, Path] = {}
         self._tables: dict[str, TextIO] = {}
         self.written = self.bytes = 0
-        if (directory / "pictures").exists():
+        if os.path.exists(directory / "pictures"):
             raise PictureRecordingError(
                 f"{directory}: holds a recording already; expected another place"
             )

@@ -39,7 +39,7 @@ class WholeFile:
         beginning = path.with_name(f".{path.name}.begun")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            if path.exists():
+            if os.path.exists(path):
                 raise RecordingError(f"{path}: is there already; expected a new file")
             self._fd = os.open(beginning, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o644)
             try:

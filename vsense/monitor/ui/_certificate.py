@@ -59,7 +59,7 @@ def tls_of(web: WebAddress) -> PageTls | None:
         raise UsageError(f"{error}; {ALTERNATIVES}") from None
     path = kept_path()
     with failing_as(VsenseError, f"{path}: cannot keep the page's certificate; {ALTERNATIVES}"):
-        if not path.exists():
+        if not os.path.exists(path):
             _make(path)
     return PageTls(_context(path, None), fingerprint_of(path))
 

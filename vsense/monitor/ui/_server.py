@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import html
+import os
 import re
 import socket
 import ssl
@@ -176,7 +177,7 @@ class Site:
     async def _file(self, request: web.Request) -> web.StreamResponse:
         name = request.match_info["name"]
         path = PAGE_FOLDER / name
-        if _FILE.fullmatch(name) is None or not path.is_file():
+        if _FILE.fullmatch(name) is None or not os.path.isfile(path):
             return _refusal(f"there is no '{name:.80}' here", status=404)
         answer = web.Response(body=path.read_bytes(), content_type=_TYPES[path.suffix])
         answer.charset = "utf-8"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -142,7 +143,7 @@ def read(path: Path) -> tuple[Path, dict[str, Any]]:
     Raises:
         UsageError: it is none, or was written by a newer vsense.
     """
-    path = path / RESULT if path.is_dir() else path
+    path = path / RESULT if os.path.isdir(path) else path
     try:
         result = parse_json(read_text(path, most_bytes=256 << 20))
     except OSError as error:

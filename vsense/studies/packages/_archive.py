@@ -6,6 +6,7 @@ Nothing of a package is unpacked before all of it was looked at: names, kinds, s
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 import secrets
 import shutil
@@ -108,7 +109,7 @@ def write(path: Path, entries: Entries, progress: EntryProgress = lambda name, s
     part = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
     try:
         with failing_as(PackageError, f"{path}: cannot be written"):
-            if path.exists():
+            if os.path.exists(path):
                 raise PackageError(f"{path}: is there already; expected a new file")
             with zipfile.ZipFile(part, "x", strict_timestamps=True) as archive:
                 for number, name in enumerate(sorted(entries)):

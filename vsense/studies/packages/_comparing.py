@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import math
+import os
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
@@ -33,7 +34,7 @@ _OF_THE_CLOCK = ("/run", "/experiment", "/event")
 
 def files(before: Path, now: Path, scrubber: Scrubber) -> str:
     """Compares two files by what they are; OSError if one cannot be read."""
-    if not now.exists():
+    if not os.path.exists(now):
         return "it was not made"
     old, new = before.read_bytes(), now.read_bytes()
     if old == new:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -106,19 +107,19 @@ def gather(paths: Sequence[Path]) -> list[FoundSeries]:
 
 
 def _of_folder(folder: Path) -> FoundSeries:
-    if not folder.is_dir():
+    if not os.path.isdir(folder):
         raise UsageError(
             f"{folder}: expected the folder of a series or of runs, or their table (.csv)"
         )
     table = folder / RUNS
     name, origins = _plain(folder.resolve().name), origin.kept_in(folder)
-    files = sorted(path for path in folder.iterdir() if path.is_file())
-    if table.is_file():
+    files = sorted(path for path in folder.iterdir() if os.path.isfile(path))
+    if os.path.isfile(table):
         rows = read_runs(table)
         runs = [_run(folder, n, row, len(rows) == 1) for n, row in enumerate(rows)]
         return FoundSeries(name, folder, table, runs, files, origins)
     inner = sorted(path.parent for path in folder.glob(f"*/{SUMMARY}"))
-    folders = [folder] if (folder / SUMMARY).is_file() else inner
+    folders = [folder] if os.path.isfile(folder / SUMMARY) else inner
     if not folders:
         raise UsageError(f"{folder}: holds no runs: neither {RUNS} nor {SUMMARY}")
     runs = []
@@ -136,14 +137,14 @@ def _of_folder(folder: Path) -> FoundSeries:
 
 def _of_table(table: Path) -> FoundSeries:
     """A campaign's table, with the recordings beside it; or that of a folder."""
-    if not table.is_file():
+    if not os.path.isfile(table):
         raise UsageError(f"{table}: there is no such file")
     if table.name == RUNS:
         return _of_folder(table.parent)
     folder, stem = table.parent, table.stem
     recordings = folder / f"{stem}-recordings"
     by_seed: dict[str, list[Path]] = {}
-    for path in sorted(recordings.glob(f"*{MCAP}")) if recordings.is_dir() else ():
+    for path in sorted(recordings.glob(f"*{MCAP}")) if os.path.isdir(recordings) else ():
         number = re.search(r"seed(\d+)$", path.stem)
         by_seed.setdefault(number[1] if number else "", []).append(path)
     runs = []
@@ -152,7 +153,7 @@ def _of_table(table: Path) -> FoundSeries:
         # Of several settings each has its own: which one, only the rows' order tells.
         files = {f"{recordings.name}/{path.name}": path for path in mine if len(mine) == 1}
         runs.append(FoundRun(row.run or f"row-{n + 1}", n, row, None, files))
-    beside = [table, *(path for path in [table.with_suffix(".png")] if path.is_file())]
+    beside = [table, *(path for path in [table.with_suffix(".png")] if os.path.isfile(path))]
     origins = origin.kept_in(folder, f"{stem}-{origin.ARCHIVE_STEM}")
     return FoundSeries(_plain(stem), folder, table, runs, beside, origins)
 
@@ -160,7 +161,7 @@ def _of_table(table: Path) -> FoundSeries:
 def _run(folder: Path, number: int, row: RunRow, only: bool) -> FoundRun:
     """A run of a table, in a folder of its own or, the only one, in that of the table."""
     named = folder / row.run
-    inside = row.run and "/" not in row.run and named.is_dir()
+    inside = row.run and "/" not in row.run and os.path.isdir(named)
     where = named if inside else folder if only else None
     return FoundRun(row.run or f"row-{number + 1}", number, row, where, {})
 

@@ -9,6 +9,7 @@ did was measured once, and is not made again.
 from __future__ import annotations
 
 import csv
+import os
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -201,7 +202,7 @@ class RecordedRuns:
 
     def _compare_measures(self, run: PackedRun, now: Mapping[int, Mapping[str, float]]) -> None:
         path = self._places.package / run.folder / MEASURES_CSV
-        if not run.folder or not path.is_file():
+        if not run.folder or not os.path.isfile(path):
             return
         text = path.read_text(encoding="utf-8", errors="replace")
         rows = list(csv.DictReader(text.splitlines()))
@@ -235,7 +236,7 @@ class RecordedRuns:
     ) -> dict[str, str]:
         """The share of late timesteps, as `vsense.run.figures` counts it."""
         path = self._places.package / run.folder / TIMESTEPS_CSV
-        if not run.folder or not path.is_file() or not experiment.timestep_s:
+        if not run.folder or not os.path.isfile(path) or not experiment.timestep_s:
             return {}
         with path.open(encoding="utf-8", errors="replace") as file:
             rows = list(csv.DictReader(file))

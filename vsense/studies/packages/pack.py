@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
@@ -124,8 +125,7 @@ def pack(
         UsageError: as `PackOptions.target`.
         VsenseError: something is no run, cannot be read or written, or there is a file already.
     """
-    target = options.target(paths[0])
-    if target.exists():
+    if os.path.exists(target := options.target(paths[0])):
         raise PackageError(f"{target}: is there already; expected a new file")
     all_series = gather(paths)
     with TemporaryDirectory(prefix="vsense-pack-") as folder:
@@ -232,7 +232,7 @@ class Packing:
     def _add_run(self, series: FoundSeries, run: FoundRun) -> None:
         where = "" if run.folder is None else self._place(series, run)
         if run.folder is not None:
-            files = sorted(path for path in run.folder.rglob("*") if path.is_file())
+            files = sorted(path for path in run.folder.rglob("*") if os.path.isfile(path))
             inner = [path for path in files if not series.is_of_other(path, run)]
             self._add_files(series, inner, where, run.folder, run.facts.mode == "run")
         for name, path in run.files.items():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -174,7 +175,7 @@ class Simulating:
         return self._built[key]
 
     def _has(self, run: PackedRun, name: str) -> bool:
-        return bool(run.folder) and (self._places.package / run.folder / name).is_file()
+        return bool(run.folder) and os.path.isfile(self._places.package / run.folder / name)
 
     def _compare(self, simulated: PreparedRun, result: Mapping[str, Any], claims: Claims) -> None:
         run, places, experiment = simulated.run, self._places, simulated.task.experiment
@@ -329,7 +330,7 @@ def _make_report(
         names = {path.name for folder in (before, after) for path in folder.iterdir()}
         for name in sorted(names):
             thing = f"{_figures.REPORT_PREFIX}/{name}"
-            if not (before / name).exists():
+            if not os.path.exists(before / name):
                 claims.judge(thing, "it is not in the package")
             else:
                 claims.judge(thing, _comparing.files(before / name, after / name, places.scrubber))

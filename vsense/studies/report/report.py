@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -195,7 +196,7 @@ def _check(folder: Path, sheet: str | None) -> None:
 def require_empty(folder: Path) -> None:
     """Raises RecordingError if a report cannot be put into a folder."""
     with failing_as(RecordingError, f"{folder}: cannot be read"):
-        taken = folder.exists() and (not folder.is_dir() or any(folder.iterdir()))
+        taken = os.path.exists(folder) and (not os.path.isdir(folder) or any(folder.iterdir()))
     if taken:
         raise RecordingError(f"{folder}: is there already; expected a new or an empty folder")
 

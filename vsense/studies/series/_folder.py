@@ -114,7 +114,7 @@ class SeriesFolder:
         """Makes the folder of a run; DirectoryError where it cannot be made."""
         folder = self.path / run.name
         with failing_as(DirectoryError, f"cannot make {folder}"):
-            if folder.is_dir() and not self.is_cut_off(run):
+            if os.path.isdir(folder) and not self.is_cut_off(run):
                 shutil.rmtree(folder)  # of a run that was waited for, and never began
             return make_new(folder)
 
@@ -128,7 +128,7 @@ class SeriesFolder:
 
     def is_cut_off(self, run: PlannedRun) -> bool:
         """Whether a run of this name began, and nobody wrote down how it ended."""
-        return (self.path / run.name / TIMESTEPS_CSV).exists()
+        return os.path.exists(self.path / run.name / TIMESTEPS_CSV)
 
     def _lock(self) -> None:
         # Without a buffer: what a full disk refuses is not written once more when it is closed.
@@ -146,7 +146,7 @@ class SeriesFolder:
 
     def _refuse_others(self) -> None:
         """Leaves folders alone that are of something else."""
-        if not self.path.is_dir() or (self.path / SERIES).exists():
+        if not os.path.isdir(self.path) or os.path.exists(self.path / SERIES):
             return
         # What it was killed in, or a full disk, has left of its first file is its own.
         own = (_LOCK, f".{SERIES}.")

@@ -5,6 +5,7 @@ Spares of the roster are put in for robots that cannot go on.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -101,7 +102,7 @@ class PlanLoader:
                     ' settings, such as "ELEMENT.library" = "FILE"'
                 )
             path = Path(condition.controller)
-            file = str(path.absolute()) if path.is_file() else condition.controller
+            file = str(path.absolute()) if os.path.isfile(path) else condition.controller
             settings[f"{labels.pop()}.library"] = file  # last: it renames what others may set
             experiment = self._load(condition, settings)
         if not experiment.timesteps:

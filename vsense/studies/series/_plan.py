@@ -318,4 +318,4 @@ def _named_by(settings: Mapping[str, str], blind: bool, number: int) -> str:
 def _placed(name: str, folder: Path) -> str:
     """A file beside the plan, or a name as it is."""
     beside = folder / name
-    return str(beside) if name and beside.is_file() else name
+    return str(beside) if name and os.path.isfile(beside) else name

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, fields, replace
@@ -121,7 +122,7 @@ class TrialOptions:
     def outputs(self, name: str) -> tuple[Path, Path]:
         """The table and the picture; raises as `campaign.outputs`."""
         path = Path("runs" if self.output is None else self.output)
-        is_folder = self.output is None or path.is_dir()
+        is_folder = self.output is None or os.path.isdir(path)
         return outputs(path / f"{name}.csv" if is_folder else path, self.format)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
@@ -103,7 +104,7 @@ class PlannedSeries:
         """What is left of the series; UsageError: the plan has changed too much."""
         allowed_changes(self.plan, self.path)
         table = self.path / RUNS
-        rows = read_runs(table) if table.exists() else ()
+        rows = read_runs(table) if os.path.exists(table) else ()
         return Forecast(self.plan, self.by_condition, rows, self._options.lab.pace)
 
     def silence(self) -> None:

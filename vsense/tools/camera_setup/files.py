@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -344,7 +345,7 @@ def init_pretended(directory: Path, cameras: Sequence[FoundCamera], markers: Mar
 
     Raises UsageError where there are files of others; else as `write`.
     """
-    there = [directory / name for name in _FILES if (directory / name).exists()]
+    there = [directory / name for name in _FILES if os.path.exists(directory / name)]
     if not there:
         write(directory, cameras, markers)
         return
@@ -369,7 +370,7 @@ def init(directory: Path, force: bool) -> int:
         UsageError: A file exists already.
         VsenseError: There is no camera, or a file cannot be written.
     """
-    there = [name for name in _FILES if (directory / name).exists()]
+    there = [name for name in _FILES if os.path.exists(directory / name)]
     if there and not force:
         raise UsageError(f"{directory / there[0]}: is there already; --force writes over it")
     cameras, missing = find()

@@ -106,7 +106,7 @@ def _compilers() -> Iterator[Finding]:
 
 def _cache() -> Iterator[Finding]:
     folder = build.cache_directory()
-    there = next(path for path in (folder, *folder.parents) if path.exists())
+    there = next(path for path in (folder, *folder.parents) if os.path.exists(path))
     if os.access(there, os.W_OK | os.X_OK):
         yield Finding("cache", OK, str(folder))
         return
@@ -221,7 +221,7 @@ def _lab() -> Iterator[Finding]:
 def _keys() -> Iterator[Finding]:
     try:
         path = keys.default_path()
-        swarm_keys = keys.read(path) if path.exists() else None
+        swarm_keys = keys.read(path) if os.path.exists(path) else None
     except sharing.SharingError:
         return  # told above
     except VsenseError as error:

@@ -120,7 +120,7 @@ def _checked(folder: Path) -> str:
     if name in (*sys.stdlib_module_names, "numpy", "cv2", "vsense"):
         words = "is the name of a module, which Python would not find any more: choose another one"
         raise UsageError(f"{name!r} {words}")
-    if folder.is_symlink() or folder.exists():
+    if folder.is_symlink() or os.path.exists(folder):
         with failing_as(UsageError, f"cannot make {folder}"):
             if any(folder.iterdir()):
                 raise UsageError(f"{folder} is not empty: choose another name")

@@ -8,6 +8,7 @@ beside the video NAME.mp4.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -139,16 +140,16 @@ def _grey(video: Path, image: cv2.typing.MatLike) -> Image:
 
 def _expanded(paths: Sequence[Path]) -> Iterator[Path]:
     for path in paths:
-        if path.is_dir():
+        if os.path.isdir(path):
             inside = sorted(child for child in path.iterdir() if not child.name.startswith("."))
-            folders = [child for child in inside if child.is_dir()]
+            folders = [child for child in inside if os.path.isdir(child)]
             files = [c for c in inside if c.suffix.lower() in STILL_SUFFIXES | VIDEOS]
             for folder in folders:
                 files += [c for c in sorted(folder.iterdir()) if c.suffix.lower() in STILL_SUFFIXES]
             if not files:
                 raise UsageError(f"{path}: no pictures in this folder or in its folders")
             yield from files
-        elif not path.exists():
+        elif not os.path.exists(path):
             raise UsageError(f"{path}: no such file or folder")
         elif path.suffix.lower() in STILL_SUFFIXES | VIDEOS:
             yield path
@@ -170,7 +171,7 @@ def _table_of(path: Path) -> dict[str | int, CaptureTime]:
     """The table beside a file: name of the picture, or number in the video -> when."""
     video = path.suffix.lower() in VIDEOS
     table = path.with_suffix(".csv") if video else path.parent / TIMES_FILE
-    if not table.is_file():
+    if not os.path.isfile(table):
         return {}
     rows = read_timestamps(table, named=not video)
     return {(n if video else row.picture): row for n, row in enumerate(rows)}

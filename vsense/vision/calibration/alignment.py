@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import re
 import shutil
 from collections.abc import Mapping, Sequence
@@ -236,7 +237,9 @@ def _is_moved(before: Path, after: Path, file: Path) -> bool:
     Where files were moved by halves, as they were is right, too.
     """
     try:
-        shift = parse_json(file.read_text(encoding="utf-8"))["shift"] if file.exists() else None
+        shift = (
+            parse_json(file.read_text(encoding="utf-8"))["shift"] if os.path.exists(file) else None
+        )
         old, now = (Camera.from_json(path.read_text()) for path in (before, after))
     except (OSError, ValueError, KeyError, TypeError):
         return True
@@ -294,6 +297,6 @@ def as_text(result: Alignment) -> list[str]:
 
 def stale_check(folder: Path) -> str:
     """What to say of an earlier check; "" where there was none."""
-    if not (folder / CHECK).exists():
+    if not os.path.exists(folder / CHECK):
         return ""
     return "the calibration was checked before it was moved: vsense camera calibrate check again"

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -367,7 +368,7 @@ def _caliscope(cameras: Mapping[str, Camera]) -> str:
 def _write(path: Path, text: str) -> Path:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        if path.exists():
+        if os.path.exists(path):
             _say(f"{path}: is there, and is written over")
         path.write_text(text, encoding="utf-8")
     except OSError as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -351,7 +352,7 @@ class PictureCalibration:
 
 def cameras_of(option: str, folder: Path) -> dict[str, Camera]:
     """Reads the camera files of a folder that an option names; raises UsageError."""
-    if not folder.is_dir():
+    if not os.path.isdir(folder):
         raise UsageError(f"{option} {folder}: no such folder")
     cameras: dict[str, Camera] = {}
     for path in sorted(folder.glob("*.json")):

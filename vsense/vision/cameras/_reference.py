@@ -9,6 +9,7 @@ people that are elsewhere count for nothing. Light is normalised around every pi
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -221,7 +222,7 @@ def read_reference(calibration: Path) -> Image | None:
         PictureError: it cannot be used.
     """
     path = reference_path(calibration)
-    return read_picture(path, str(path)) if path.exists() else None
+    return read_picture(path, str(path)) if os.path.exists(path) else None
 
 
 class ReferenceWatch:

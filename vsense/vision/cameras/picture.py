@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 from typing import Any
@@ -151,7 +152,9 @@ ENDINGS = (".png", ".jpg", ".jpeg", ".pgm", ".ppm", ".bmp", ".tif", ".tiff", ".w
 def pictures_in(folder: Path) -> list[str]:
     """Returns the names of a folder's pictures in natural order; raises GrabberError."""
     try:
-        names = [p.name for p in folder.iterdir() if p.suffix.lower() in ENDINGS and p.is_file()]
+        names = [
+            p.name for p in folder.iterdir() if p.suffix.lower() in ENDINGS and os.path.isfile(p)
+        ]
     except OSError as error:
         raise GrabberError(f"{folder}: cannot be read: {error.strerror}") from None
     return sorted(names, key=natural_order)

@@ -7,6 +7,7 @@ its robot is a setting, because a square has no direction of its own.
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -155,7 +156,7 @@ def _read_dictionary(path: Path) -> cv2.aruco.Dictionary:
     """Reads the format of OpenCV's tools: nmarkers, markersize, marker_0 ..."""
     import cv2
 
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise FamilyError(f"{path}: there is no such dictionary file")
     dictionary = cv2.aruco.Dictionary()
     try:

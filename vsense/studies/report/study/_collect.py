@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -39,7 +40,7 @@ class TableOfRuns:
 def tables_in(folder: Path) -> list[Path]:
     """The tables of runs in a folder."""
     with failing_as(RecordingError, f"{folder}: cannot be read"):
-        files = (path for path in sorted(folder.glob(f"*{TABLE_SUFFIX}")) if path.is_file())
+        files = (path for path in sorted(folder.glob(f"*{TABLE_SUFFIX}")) if os.path.isfile(path))
         return [path for path in files if _is_table(path)]
 
 
@@ -52,7 +53,7 @@ def files_of(path: Path) -> list[Path]:
         UsageError: a folder holds neither.
         RecordingError: it cannot be read.
     """
-    if not path.is_dir() or not (tables := tables_in(path)):
+    if not os.path.isdir(path) or not (tables := tables_in(path)):
         return recording.files_of(path)
     if all(table.name == RUNS for table in tables):
         with suppress(UsageError):
