@@ -79,10 +79,11 @@ struct lanes {
 
 enum meeting { NOTHING, SOMETHING, THE_CORE };
 
-/* What the rays meet: nothing but 0, or the sprite, or all of them its core. The border of a texture
- * is 0, and so is what lies beyond it. Where `coarse`, places are rounded to 1/32 of a texel. */
+/* What the rays meet: nothing but 0, or the sprite, or all of them its core. The border of a
+ * texture is 0, and so is what lies beyond it. Where `coarse`, places are rounded to 1/32 of a
+ * texel. */
 INLINE enum meeting meet(int wide, const struct vs_sprite *s, int32_t pose, int coarse,
-                    const float *x_m, const float *y_m, struct lanes *l)
+                         const float *x_m, const float *y_m, struct lanes *l)
 {
     const float *column = s->column[pose], *row = s->row[pose], last = (float)(s->side - 1);
     float middle = 0.5f * last, reach = s->reach * s->reach, core = s->core * s->core;
@@ -95,7 +96,7 @@ INLINE enum meeting meet(int wide, const struct vs_sprite *s, int32_t pose, int 
         int32_t left, above;
 
         any |= away < reach;
-        beyond |= away >= core;
+        beyond |= !(away < core);
         u = u > 0.0f ? u : 0.0f;
         v = v > 0.0f ? v : 0.0f;
         u = u < last ? u : last;

@@ -262,7 +262,7 @@ def _memory_kb(program: Path, say: Say) -> int:
         end_ns = host_ns() + 2_000_000_000
         while host_ns() < end_ns:
             select.select([base], [], [], 0.001)
-            base.receive(host_ns())
+            base.receive(base.readable(), host_ns())
             base.advance(host_ns())
         return sum(map(_resident_kb, [daemon.pid, *children(daemon.pid)]))
     finally:

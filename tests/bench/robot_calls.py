@@ -116,7 +116,7 @@ class _Life:
                 0
             ]
             now_ns = host_ns()
-            self._base.receive(now_ns)
+            self._base.receive(self._base.readable(), now_ns)
             self._base.advance(now_ns)
             if self._trace in ready:
                 calls += self._read()

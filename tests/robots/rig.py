@@ -390,7 +390,7 @@ class Rig:
         ready = set(select.select(watched, [], [], self._wait_s(began_ns))[0])
         now_ns = host_ns()
         if self.plugged:
-            self.base.receive(now_ns)
+            self.base.receive(self.base.readable(), now_ns)
             self.applied += self.base.advance(now_ns)
         self.host.serve(ready, now_ns)
         for daemon in self.daemons:

@@ -59,7 +59,7 @@ class Client:
     def serve(self) -> None:
         """Has the bus take what waits for it."""
         select.select([self.chips], [], [], PATIENCE_S)
-        self.chips.receive(self.now_ns)
+        self.chips.receive(self.chips.readable(), self.now_ns)
 
     def live(self, duration_ns: int) -> None:
         self.now_ns += duration_ns

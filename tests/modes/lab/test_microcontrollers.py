@@ -64,7 +64,7 @@ class Daemon:
         assert master is not None
         while _available(master) < len(content):
             select.select([master], [], [], PATIENCE_S)
-        self.controllers.receive(self.now_ns)
+        self.controllers.receive(self.controllers.readable(), self.now_ns)
 
     def live(self, duration_ns: int) -> None:
         """Lets time pass in small steps."""

@@ -79,7 +79,24 @@ def write(process: PhysicsProcess, fd: int, content: bytes, now_ns: int) -> None
     """Has robot 0 hear some bytes now, all at once."""
     os.write(fd, content)
     assert select.select([process.controllers], [], [], PATIENCE_S)[0]
-    process.step(now_ns)
+    process.step(process.controllers.readable(), now_ns)
+
+
+def test_what_is_written_while_ticks_are_computed_does_not_count_as_earlier(
+    process: PhysicsProcess, spec: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fd = os.open(process.controllers.devices[0], os.O_RDWR | os.O_NOCTTY)
+    write(process, fd, WAKE_AND_CONFIG, EPOCH_NS)
+    process.step([], EPOCH_NS + 2 * TICK_NS)
+    monkeypatch.setattr(process._physics, "tick", lambda _: os.write(fd, forward(500)))
+    process.step(process.controllers.readable(), EPOCH_NS + 3 * TICK_NS)
+    monkeypatch.undo()
+    assert select.select([process.controllers], [], [], PATIENCE_S)[0]
+    process.step(process.controllers.readable(), EPOCH_NS + 4 * TICK_NS - 1)
+    for tick in range(4, 5 + FLUSH_TICKS):
+        process.step([], EPOCH_NS + tick * TICK_NS)
+    (applied,) = read_actuations(Path(spec["log"]))
+    assert applied["time_ns"] > EPOCH_NS + 4 * TICK_NS
 
 
 def test_bodies_are_the_robots_by_index_then_the_objects(
@@ -95,7 +112,7 @@ def test_bodies_are_the_robots_by_index_then_the_objects(
 def test_ticks_that_are_late_are_caught_up_with(
     process: PhysicsProcess, ring: SharedBlock, late_ns: int
 ) -> None:
-    process.step(EPOCH_NS + 100 * TICK_NS + late_ns)
+    process.step([], EPOCH_NS + 100 * TICK_NS + late_ns)
     assert process.report()["ticks"] == 100
     assert process.report()["lateness_ms"]["max"] == (99 * TICK_NS + late_ns) / 1e6
     assert TruthReader(ring.name).newest_ns() == EPOCH_NS + 100 * TICK_NS
@@ -107,10 +124,10 @@ def test_an_actuator_frame_moves_the_truth_from_its_time_on(
 ) -> None:
     fd = os.open(process.controllers.devices[0], os.O_RDWR | os.O_NOCTTY)
     write(process, fd, WAKE_AND_CONFIG, EPOCH_NS + 3 * TICK_NS)
-    process.step(EPOCH_NS + 5 * TICK_NS)
+    process.step([], EPOCH_NS + 5 * TICK_NS)
     write(process, fd, forward(500, ring=0b101), EPOCH_NS + 5 * TICK_NS)
     for tick in range(6, 6 + FLUSH_TICKS):
-        process.step(EPOCH_NS + tick * TICK_NS)
+        process.step([], EPOCH_NS + tick * TICK_NS)
     (applied,) = read_actuations(Path(spec["log"]))
     assert applied["robot"] == 0
     assert applied["leds"] == 0b101
@@ -129,7 +146,7 @@ def test_it_wakes_for_bytes_in_flight_and_else_for_ticks(process: PhysicsProcess
     write(process, fd, WAKE_AND_CONFIG, EPOCH_NS + 1000)
     assert process.wake_ns() < EPOCH_NS + 1_000_000
     while process.controllers.due_ns is not None:
-        process.step(process.wake_ns())
+        process.step([], process.wake_ns())
     # It looks for its wake-up byte every 60 ms or so.
     assert EPOCH_NS < process.wake_ns() <= EPOCH_NS + 100_000_000
     assert process.wake_ns() % TICK_NS == EPOCH_NS % TICK_NS
@@ -316,7 +333,7 @@ def test_firmware_has_a_watchdog_where_it_is_wanted(spec: dict[str, Any], watchd
 
 def test_an_object_is_put_where_a_line_says(process: PhysicsProcess, ring: SharedBlock) -> None:
     process.put(b'{"put": 0, "x_m": 0.25, "y_m": -0.5, "yaw_rad": 1.5}')
-    process.step(EPOCH_NS + TICK_NS)
+    process.step([], EPOCH_NS + TICK_NS)
     reader = TruthReader(ring.name)
     poses, _ = reader.at(EPOCH_NS + TICK_NS)
     reader.close()

@@ -140,6 +140,31 @@ def test_a_silent_robot_is_told_and_the_other_goes_on(
     assert still.kinds(2) == ["connected"]
 
 
+@pytest.mark.parametrize("where", ["its tick", "who takes its events"])
+def test_what_fails_at_one_silent_robot_costs_nobody_else(
+    still: Server, frozen: Frozen, robot: MakeRobot, monkeypatch: pytest.MonkeyPatch, where: str
+) -> None:
+    other = robot(still, 2).join()
+    robot(still, 1).join()
+    take = still.server._throttle._on_event
+
+    def fails(what: LinkEvent | int) -> None:
+        if not isinstance(what, LinkEvent) or (what.kind, what.tag) == ("lost", 1):
+            raise RuntimeError("a defect")
+        take(what)
+
+    if where == "its tick":
+        monkeypatch.setattr(still.server._roster.robots[1], "tick", fails)
+    else:
+        monkeypatch.setattr(still.server._throttle, "_on_event", fails)
+    for timestep in range(1, 6):
+        frozen.advance(250 * MS)
+        assert works(still, other, timestep)
+    assert "RuntimeError: a defect" in still.wait("defect", 1).text
+    assert still.server.robots()[1].defects == 1
+    still.events.clear()
+
+
 def test_defect_07_a_huge_length_from_the_wire_is_refused_at_once(
     still: Server, pending: Connect, robot: MakeRobot
 ) -> None:

@@ -239,8 +239,10 @@ class Terminal:
         if not self._is_sending:
             self._hand_ns = now_ns + _FIRST_BYTES * self._byte_ns
         self._is_sending = self._sending.count > 0
-        idle = due_us == NEVER_DUE_US and not self._waiting
-        self.due_ns = None if idle else min(due_us * 1000, self._hand_ns)
+        due_ns = None if due_us == NEVER_DUE_US else due_us * 1000
+        if self._is_sending or self._waiting:
+            due_ns = self._hand_ns if due_ns is None else min(due_ns, self._hand_ns)
+        self.due_ns = due_ns
 
 
 def _peer(daemon: socket.socket) -> bytes:

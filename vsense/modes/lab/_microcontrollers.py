@@ -5,7 +5,7 @@ from __future__ import annotations
 import select
 import struct
 import tempfile
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -123,12 +123,20 @@ class Microcontrollers:
         return [link.device for link in self.links]
 
     def fileno(self) -> int:
-        """A descriptor that is readable while `receive` has something to take."""
+        """A descriptor that is readable while `readable` has something."""
         return self._ready.fileno()
 
-    def receive(self, now_ns: int) -> None:
-        """Passes the daemons' bytes that came at `now_ns` to the microcontrollers."""
-        for descriptor, _ in self._ready.poll(0):
+    def readable(self) -> list[int]:
+        """The descriptors that have bytes which `receive` would take now."""
+        return [descriptor for descriptor, _ in self._ready.poll(0)]
+
+    def receive(self, descriptors: Iterable[int], now_ns: int) -> None:
+        """Passes the daemons' bytes to the microcontrollers, which have them at `now_ns`.
+
+        `descriptors` are those of `readable` before that time: what a daemon writes later must not
+        count as having come by then.
+        """
+        for descriptor in descriptors:
             robot = self._robots[descriptor]
             self.links[robot].receive(now_ns)
             self._plan(robot)

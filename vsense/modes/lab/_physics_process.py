@@ -39,7 +39,7 @@ import select
 import signal
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -106,9 +106,11 @@ class PhysicsProcess:
         due_ns, tick_ns = self.controllers.due_ns, self._tick_ns + TICK_NS
         return tick_ns if due_ns is None else min(due_ns, tick_ns)
 
-    def step(self, now_ns: int) -> None:
-        """Advances to `now_ns`, of a monotonic clock: all ticks that are due, then the bytes that
-        came."""
+    def step(self, ready: Iterable[int], now_ns: int) -> None:
+        """Advances to `now_ns`: all ticks that are due, then the bytes that came.
+
+        `ready` is `controllers.readable()`, asked for before the time of the monotonic clock.
+        """
         while self._tick_ns + TICK_NS <= now_ns:
             self._tick_ns += TICK_NS
             self._lateness.note((now_ns - self._tick_ns) / 1e6)
@@ -116,7 +118,7 @@ class PhysicsProcess:
             self._actuate(self.controllers.advance(self._tick_ns))
             self._physics.tick(self._tick_ns)
             self._publish()
-        self.controllers.receive(now_ns)
+        self.controllers.receive(ready, now_ns)
         self._actuate(self.controllers.advance_due(now_ns))
 
     def put(self, line: bytes) -> None:
@@ -192,7 +194,7 @@ def run(process: PhysicsProcess, stdin: int, ended: list[int]) -> None:
             *lines, said = (said + more).split(b"\n")
             for line in lines:
                 process.put(line)
-        process.step(host_ns())
+        process.step(process.controllers.readable(), host_ns())
 
 
 def main() -> int:

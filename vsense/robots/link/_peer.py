@@ -191,6 +191,7 @@ class Peer:
         put = self._put
         if put is not None and put[0] is values and put[1] == capture_ns:
             return  # a heartbeat says again what was said
+        self._put = None
         if len(values) != len(self._sensors):
             raise ValueError(f"{len(values)} values for {len(self._sensors)} sensors")
         for rank, ((offset, size), (payload, value_ns)) in enumerate(zip(self._sensors, values)):

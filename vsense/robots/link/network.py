@@ -211,11 +211,7 @@ class ServerThread:
         self._pass_on(robot, self._make(robot, now_ns), now_ns, surely)
 
     def send_all(self, robots: Iterable[HostSession]) -> None:
-        """As `send`, to some robots in their order.
-
-        Packets of a few are made, then these leave: each is faster where the other does not come
-        between, and no packet waits long after the time that is written in it.
-        """
+        """As `send`, to some robots in their order: a few packets are made, then these leave."""
         waiting = iter(robots)
         while few := [*islice(waiting, FEW)]:
             made = [(r, self._make(r, self._shared.clock())) for r in few]
@@ -385,15 +381,19 @@ class ServerThread:
 
     def _keep_time_of(self, robots: Sequence[HostSession], now_ns: int, idle_ns: int) -> int:
         """Does for a few robots what is due; gives when their next STATE is, else `idle_ns`."""
-        events: list[LinkEvent] = []
+        events: list[tuple[HostSession, list[LinkEvent]]] = []
         with self._shared.lock:
             there = [robot for robot in robots if robot.open]
             for robot in there:
                 try:
-                    events += robot.tick(now_ns)
+                    events.append((robot, robot.tick(now_ns)))
                 except Exception as error:
                     self._fail(robot, error)
             self.send_all(r for r in there if r.due_ns <= now_ns + TOGETHER_NS)
             due_ns = min((robot.due_ns for robot in there), default=idle_ns)
-        self._shared.notify_all(events)
+        for robot, its in events:
+            try:
+                self._shared.notify_all(its)
+            except Exception as error:
+                self._links.contain(error, robot)
         return due_ns

@@ -83,13 +83,13 @@ class MarkerWatch:
         """Takes pictures' DETECTION arrays, by their cameras; returns lines for people."""
         ordered = sorted(frames, key=lambda frame: frame.capture_ns)
         pictures = {f.camera: seen[f.camera] for f in ordered if f.camera in seen}
-        places = self._places(pictures)
+        ends = np.cumsum([len(rows) for rows in pictures.values()])
+        places = dict(zip(pictures, np.split(self._places(pictures), ends)))
         lines: list[str] = []
         for frame in ordered:
             if frame.camera in pictures:
-                rows = pictures[frame.camera]
-                lines += self._look(rows, places[: len(rows)], frame.capture_ns)
-                places = places[len(rows) :]
+                camera = frame.camera
+                lines += self._look(pictures[camera], places[camera], frame.capture_ns)
         return [line for line in lines if line]
 
     def _look(self, rows: NDArray[np.void], places: NDArray[np.float64], now_ns: int) -> list[str]:
