@@ -476,6 +476,7 @@ def test_nothing_comes_from_elsewhere_and_nothing_is_wrong(served: Serve, opened
     assert names and all(name.startswith((url, "data:")) for name in names)
 
 
+@pytest.mark.paced
 def test_a_hundred_robots_do_not_pile_up(served: Serve, opened: Open) -> None:
     puppet, _, url = served(running(100, 16))
     page = opened(url)
