@@ -114,18 +114,26 @@ INLINE enum meeting meet(int wide, const struct vs_sprite *s, int32_t pose, int 
     return !any ? NOTHING : beyond ? SOMETHING : THE_CORE;
 }
 
+/* Fetches the four texels around each place: what is left to do has no foreign addresses, and
+ * becomes vectors. */
+INLINE void fetch(const float *texture, int32_t side, const struct lanes *l, float above[][2],
+                  float below[][2])
+{
+    for (int32_t i = 0; i < LANES; i++) {
+        const float *at = texture + l->at[i];
+
+        memcpy(above[i], at, sizeof *above);
+        memcpy(below[i], at + side, sizeof *below);
+    }
+}
+
 /* Adds to value [LANES] what the pixels see between four texels of one channel, as OpenCV has
- * it. The texels are fetched first: what is left has no foreign addresses, and becomes vectors. */
+ * it. */
 INLINE void sample(int wide, const struct vs_sprite *s, const struct lanes *l, float *value)
 {
     float above[LANES][2], below[LANES][2];
 
-    for (int32_t i = 0; i < LANES; i++) {
-        const float *at = s->texture + l->at[i];
-
-        memcpy(above[i], at, sizeof *above);
-        memcpy(below[i], at + s->side, sizeof *below);
-    }
+    fetch(s->texture, s->side, l, above, below);
     for (int32_t i = 0; i < LANES; i++) {
         float up = fused(wide, l->right[i], above[i][1] - above[i][0], above[i][0]);
         float low = fused(wide, l->right[i], below[i][1] - below[i][0], below[i][0]);
@@ -149,12 +157,7 @@ INLINE void sample_print(const struct vs_sprite *s, const float *texture, const 
 {
     float above[LANES][2], below[LANES][2];
 
-    for (int32_t i = 0; i < LANES; i++) {
-        const float *at = texture + l->at[i];
-
-        memcpy(above[i], at, sizeof *above);
-        memcpy(below[i], at + s->side, sizeof *below);
-    }
+    fetch(texture, s->side, l, above, below);
     for (int32_t i = 0; i < LANES; i++)
         value[i] += weigh(l->right[i], l->down[i], above[i], below[i]);
 }

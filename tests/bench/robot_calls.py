@@ -112,11 +112,10 @@ class _Life:
         calls = 0
         while (now_ns := host_ns()) < self._next_ns:
             due_ns = min(self._base.due_ns or self._next_ns, self._next_ns)
-            ready = select.select([self._base, self._trace], [], [], max(due_ns - now_ns, 0) / 1e9)[
-                0
-            ]
-            now_ns = host_ns()
-            self._base.receive(self._base.readable(), now_ns)
+            watched = [self._base, self._trace]
+            ready = select.select(watched, [], [], max(due_ns - now_ns, 0) / 1e9)[0]
+            came, now_ns = self._base.readable(), host_ns()
+            self._base.receive(came, now_ns)
             self._base.advance(now_ns)
             if self._trace in ready:
                 calls += self._read()

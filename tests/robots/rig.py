@@ -388,9 +388,10 @@ class Rig:
         pipes = [d.stderr for d in self.daemons if d.open]
         watched = [*bases, *self.host.descriptors(), *pipes]
         ready = set(select.select(watched, [], [], self._wait_s(began_ns))[0])
+        came = self.base.readable() if self.plugged else []
         now_ns = host_ns()
         if self.plugged:
-            self.base.receive(self.base.readable(), now_ns)
+            self.base.receive(came, now_ns)
             self.applied += self.base.advance(now_ns)
         self.host.serve(ready, now_ns)
         for daemon in self.daemons:

@@ -390,8 +390,8 @@ class Floor:
         parts = self._everything()
         watched = [self._bases, *(d for part in parts for d in part.descriptors())]
         ready = set(select.select(watched, [], [], 0.001)[0])
-        now_ns = host_ns()
-        self._bases.receive(self._bases.readable(), now_ns)
+        came, now_ns = self._bases.readable(), host_ns()
+        self._bases.receive(came, now_ns)
         for actuation in self._bases.advance(now_ns):
             self.applied[self.tags[actuation.robot]].append(actuation)
         for part in parts:

@@ -230,7 +230,7 @@ def _program(options: argparse.Namespace) -> ProgramSources:
     code, name = _arguments.code_of(options), options.controller
     extra = folders(code.includes, Path.cwd(), cache_directory()) if code.includes else []
     patterns = code.patterns(stem_of(name))
-    if not patterns and os.path.isdir(Path(name)):
+    if not patterns and os.path.isdir(name):
         patterns = [name]
     named = finding.named(patterns, Path.cwd(), name, options.label, extra)
     program = named or source_tree().program(name)

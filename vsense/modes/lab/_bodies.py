@@ -10,12 +10,13 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from enum import Enum
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from vsense.base.arena import Floats
 from vsense.base.shared import LabError
@@ -92,7 +93,7 @@ class Effect(Enum):
     GLOW = "light that it adds, in units of EMISSION_DN"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True)
 class Sprite:
     """A flat picture at one height above the floor, already as blurred as in the camera.
 
@@ -112,6 +113,32 @@ class Sprite:
     effect: Effect
     reflectance: float = 0.0
     moving: bool = False
+
+    @cached_property
+    def reach(self) -> float:
+        """How far from its texture's middle a place can be that is not 0 [texel]."""
+        return float(_away(np.logical_or(self.texture, self.cover)).max(initial=0.0)) + _BETWEEN
+
+    @cached_property
+    def core(self) -> float:
+        """How near to its middle the cover is `flat` in all places [texel]; 0: nowhere."""
+        away = _away(np.not_equal(self.cover, self.flat))
+        return max(0.0, float(away.min(initial=math.inf)) - _BETWEEN)
+
+    @property
+    def flat(self) -> float:
+        """The cover's middle."""
+        return float(self.cover[self.cover.shape[0] // 2, self.cover.shape[1] // 2])
+
+
+_BETWEEN = 1.5
+"""A place lies so far from the farthest of the texels around it, at most [texel]."""
+
+
+def _away(texels: NDArray[np.bool_]) -> Floats:
+    """How far some texels are from their texture's middle [texel]."""
+    row, column = (np.argwhere(texels) - (texels.shape[0] - 1) / 2.0).T
+    return np.asarray(np.hypot(row, column))
 
 
 class BodySprites:

@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,6 @@ from vsense.base.native import kernel_ffi, kernels
 from vsense.modes.lab._backdrop import Backdrop
 from vsense.modes.lab._bodies import EMISSION_DN, SPRITE_PX_PER_M, Effect, Sprite
 from vsense.modes.lab._optics import RayMap, Sensor
-from vsense.vision.cameras.camera import Image32
 
 _MARGIN_PX = 1
 _SAME_HEIGHT_M = 0.001
@@ -86,54 +84,22 @@ class Look:
 
 def look_of(sprites: Sequence[Sprite]) -> Look:
     """The look of one body."""
-    sheets = np.concatenate([np.zeros(0, dtype=SHEET), *map(_sheet, sprites)])
+    sheets = np.zeros(len(sprites), dtype=SHEET)
+    for sheet, sprite in zip(sheets, sprites):
+        for texture in (sprite.texture, sprite.cover):
+            assert texture.flags.c_contiguous and texture.dtype == np.float32
+        row = sheet["sprite"]
+        row["texture"] = sprite.texture.ctypes.data
+        row["cover"] = sprite.cover.ctypes.data
+        row["side"] = sprite.texture.shape[0]
+        row["reach"], row["core"], row["flat"] = sprite.reach, sprite.core, sprite.flat
+        row["effect"] = _EFFECTS[sprite.effect]
+        row["strength"] = EMISSION_DN if sprite.effect is Effect.GLOW else sprite.reflectance
+        row["below_m"] = sprite.height_m + _SAME_HEIGHT_M
+        sheet["radius_m"], sheet["height_m"] = sprite.radius_m, sprite.height_m
+        sheet["middle_px"] = sprite.texture.shape[0] / 2.0 - 0.5
+        sheet["moving"] = sprite.moving
     return Look(sheets, np.zeros(len(sheets), dtype=np.intp), sprites)
-
-
-@lru_cache(maxsize=4096)
-def _sheet(sprite: Sprite) -> NDArray[np.void]:
-    """Returns (1,) SHEET; bodies share sprites, and blink with the same ones again and again."""
-    for texture in (sprite.texture, sprite.cover):
-        assert texture.flags.c_contiguous and texture.dtype == np.float32
-    sheet = np.zeros(1, dtype=SHEET)
-    row = sheet["sprite"]
-    row["texture"] = sprite.texture.ctypes.data
-    row["cover"] = sprite.cover.ctypes.data
-    row["side"] = sprite.texture.shape[0]
-    row["reach"], row["core"] = _reach(sprite), _core(sprite.cover)
-    row["flat"] = sprite.cover[_middle(sprite.cover)]
-    row["effect"] = _EFFECTS[sprite.effect]
-    row["strength"] = EMISSION_DN if sprite.effect is Effect.GLOW else sprite.reflectance
-    row["below_m"] = sprite.height_m + _SAME_HEIGHT_M
-    sheet["radius_m"], sheet["height_m"] = sprite.radius_m, sprite.height_m
-    sheet["middle_px"] = sprite.texture.shape[0] / 2.0 - 0.5
-    sheet["moving"] = sprite.moving
-    return sheet
-
-
-_BETWEEN = 1.5
-"""A place lies so far from the farthest of the texels around it, at most [texel]."""
-
-
-def _reach(sprite: Sprite) -> float:
-    """How far from its texture's middle a place can be that is not 0 [texel]."""
-    return float(_away(np.logical_or(sprite.texture, sprite.cover)).max(initial=0.0)) + _BETWEEN
-
-
-def _core(cover: Image32) -> float:
-    """How near to its middle all places have the middle's value [texel]; 0: nowhere."""
-    away = _away(np.not_equal(cover, cover[_middle(cover)]))
-    return max(0.0, float(away.min(initial=math.inf)) - _BETWEEN)
-
-
-def _middle(texture: Image32) -> tuple[int, int]:
-    return texture.shape[0] // 2, texture.shape[1] // 2
-
-
-def _away(texels: NDArray[np.bool_]) -> Floats:
-    """How far some texels are from their texture's middle [texel]."""
-    row, column = (np.argwhere(texels) - (texels.shape[0] - 1) / 2.0).T
-    return np.asarray(np.hypot(row, column))
 
 
 def gather(bodies: Sequence[Look]) -> Look:

@@ -153,7 +153,7 @@ def camera_named(id: str, wanted: Controls) -> GrabberSpec:
         return GrabberSpec.of_camera(id, CAMERA, id, wanted)
     node = _v4l2.node(id) if len(id) < NODE_DIGITS else id
     if node.startswith("/dev/"):
-        if not os.path.exists(Path(node)):
+        if not os.path.exists(node):
             raise UsageError(f"no camera {node}: {_listed_text(())}")
         return GrabberSpec.of_camera(id, CAMERA, node, wanted)
     return _of_aravis(id, wanted)
