@@ -56,7 +56,10 @@ PROMISES: Mapping[str, Tests] = {
         "robots/test_faults.py::test_controller_that_hangs_or_crashes_stops_the_wheels",
         f"{RIG}six_faults_break_no_promise",
     ),
-    "A greeting that was heard keeps": (f"{ATTACKS}a_repeated_greeting_pushes_no_robot_out",),
+    "A greeting that was heard keeps": (
+        f"{ATTACKS}a_repeated_greeting_pushes_no_robot_out",
+        f"{ATTACKS}a_copy_that_arrives_before_the_greeting_keeps_no_robot_out",
+    ),
     "Strangers cost the robots": (
         "system/test_flooded_lab.py::test_strangers_on_two_ports_cost_nobody_anything",
         f"{FAULTS}a_crowd_from_many_addresses_cannot_keep_a_robot_out",

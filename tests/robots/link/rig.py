@@ -149,13 +149,14 @@ class Robot:
     def now_ns(self) -> int:
         return self._server.clock() + 1234 * S
 
-    def connect(self) -> Robot:
-        """Opens a TCP connection and sends HELLO."""
+    def connect(self, overheard: Callable[[bytes], object] = bytes) -> Robot:
+        """Opens a TCP connection and sends HELLO, which is `overheard` before it arrives."""
         self.tcp.close()
         self.session.disconnect()
         self.tcp = socket.create_connection(("127.0.0.1", self._server.port), PATIENCE_S)
         hello = self.session.connect(self.now_ns(), os.urandom(16))
         self.wire.append(("up", hello))
+        overheard(hello)
         self.tcp.sendall(hello)
         return self
 

@@ -281,12 +281,30 @@ def test_a_repeated_greeting_pushes_no_robot_out(
     one.connect()
     hellos = [packet for packet in packets(one, "up") if packet[3] == PacketType.HELLO]
     assert select.select([one.tcp], [], [], PATIENCE_S)[0], "the answer is there, and not yet read"
+    thief.connect(hellos[-1])  # this one is answered from the thief's address, once
     for _ in range(2 * GREETED_EACH):
         for hello in hellos:
             assert closed(thief.connect(hello))
     one.until(lambda: bool(one.session.c.open))
     one.say()
     one.until(lambda: still.server.robots()[1].sessions > sessions)
+
+
+def test_a_copy_that_arrives_before_the_greeting_keeps_no_robot_out(
+    still: Server, robot: MakeRobot, attacker: MakeAttacker
+) -> None:
+    one, thief = robot(still, 1).join(), attacker(still)
+    one.tcp.close()
+    still.wait("lost", 1)
+
+    def copy(hello: bytes) -> None:
+        assert select.select([thief.connect(hello)], [], [], PATIENCE_S)[0], "it is answered"
+        assert closed(thief.connect(hello)), "once"
+
+    one.connect(copy)
+    one.until(lambda: bool(one.session.c.open))
+    one.say()
+    one.until(lambda: still.server.robots()[1].sessions > 1)
 
 
 @pytest.mark.parametrize("keyed", [False, True])

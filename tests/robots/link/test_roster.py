@@ -209,6 +209,20 @@ def test_a_cut_text_fits_and_is_a_beginning(text: str) -> None:
     assert short == text or len(short.encode()) > TEXT_MAX - 4
 
 
+def test_a_greeting_counts_once_from_few_addresses_until_the_robot_is_there() -> None:
+    ours = roster()
+    join(ours, hello(5), "home", S)
+    packet = hello(5)
+    origins = ("a", "a", "b", "b", "c", "home", "home", "c")
+    answers = {number: ours.greet(packet, o, S) for number, o in enumerate(origins)}
+    assert [number for number, a in answers.items() if a.pending is not None] == [0, 2, 5]
+    refused = [a.event for a in answers.values() if a.pending is None]
+    assert all(event is not None and "robot 5" in event.text for event in refused)
+    packet = hello(5)
+    assert join(ours, packet, "d", S)[1] is not None
+    assert all(ours.greet(packet, origin, S).pending is None for origin in "abd")
+
+
 def test_complaints_are_not_repeated_every_time() -> None:
     told: list[LinkEvent] = []
     throttle = EventThrottle(told.append)

@@ -32,7 +32,10 @@ from vsense.robots.link.wire import (
 )
 
 GREETINGS_MAX = 1024
-"""Greetings of each robot that are remembered: a nonce counts once."""
+"""Greetings of each robot that are remembered."""
+
+ORIGINS_MAX = 2
+"""Addresses from which one greeting is answered, once each, beside the robot's own."""
 
 TAKEN_OVER = "the same robot opened a newer session"
 DEPLOY_HINT = f"bring it one with {BRING}"
@@ -112,7 +115,7 @@ class SessionTable:
         self._trust = trust
         self._by_session: dict[int, HostSession] = {}
         self._pending: dict[int, PendingSession] = {}
-        self._nonces: defaultdict[int, dict[bytes, None]] = defaultdict(dict)
+        self._heard: defaultdict[int, dict[bytes, set[str] | None]] = defaultdict(dict)
         for tag, robot in expected.items():
             header = Header(PacketType.WELCOME, session=1, table_hash=robot.table.hash)
             encode(header, self._welcome(tag))
@@ -168,7 +171,7 @@ class SessionTable:
             tags = ", ".join(map(str, sorted(self.robots))) or "none"
             text = f"tag {hello.tag} is not in this experiment; expected: {tags}. {TAG_HINT}"
             return refuse(RefuseCode.TAG_UNKNOWN, text)
-        if self._was_heard(hello):
+        if self._was_heard(hello, robot.origin, origin):
             text = f"{robot.label}: somebody at {origin} repeats a greeting of it: not answered"
             return Answer(None, b"", LinkEvent("refused", hello.tag, text, now_ns, origin))
         if robot.taken_from(hello.uid, opened.key is not None, now_ns):
@@ -216,6 +219,7 @@ class SessionTable:
         if robot.open:
             farewell = robot.goodbye(GoodbyeCause.TAKEN_OVER, TAKEN_OVER, run, now_ns)
         events = robot.adopt(pending, now_ns)
+        self._heard[robot.tag] = dict.fromkeys(self._heard[robot.tag])
         robot.reseeded = pending.seed != robot_seed(self._seed, robot.tag)
         self._by_session = {r.peer.session: r for r in self.robots.values() if r.open}
         return Proved(farewell, b"", events + robot.take(*heard, source, now_ns))
@@ -252,18 +256,23 @@ class SessionTable:
             return self._doubted(packet, hello, text, origin, now_ns)
         raise WireError(lib.VS_ERR_TAG, "HELLO")
 
-    def _was_heard(self, hello: Hello) -> bool:
-        """Whether a greeting came before; else it is remembered.
+    def _was_heard(self, hello: Hello, home: str, origin: str) -> bool:
+        """Whether a greeting that came from `origin` is a copy; else it is remembered.
 
-        Whoever hears a greeting can send it again and again: each would take one of the few places
-        of those who have greeted in the robot's name, and the robot's own would make way.
+        Whoever hears a greeting can send it again and again, also before the robot's own arrives:
+        it counts once from each of `ORIGINS_MAX` addresses and from `home`, where the robot's
+        last session came from. Each takes one of the few places of those who have greeted in the
+        robot's name. When the robot opens a session, all that it said before is over.
         """
-        nonces = self._nonces[hello.tag]
-        if hello.nonce in nonces:
+        heard = self._heard[hello.tag]
+        origins = heard.setdefault(hello.nonce, set())
+        if len(heard) > GREETINGS_MAX:
+            del heard[next(iter(heard))]
+        if origins is None or origin in origins:
             return True
-        nonces[hello.nonce] = None
-        if len(nonces) > GREETINGS_MAX:
-            del nonces[next(iter(nonces))]
+        if len(origins - {home}) >= ORIGINS_MAX and origin != home:
+            return True
+        origins.add(origin)
         return False
 
     def refuse_older(self, tag: int, origin: str, now_ns: int) -> Answer:

@@ -77,8 +77,8 @@ class HostSession:
         name: the robot's name in the experiment.
         peer: sequences, acceptance filter and counters of the link.
         address: source of the newest accepted datagram of the open session, None before it.
-        copied: another source of the very same datagrams, None: there is none. Somebody passes on
-            what it hears, and which of the two is the robot nobody can tell.
+        copied: a second source of the same datagrams, which somebody passes on; None: none.
+        origin: the address of the newest session's greeting, "" before.
         due_ns: when the next STATE is due at the latest; of no meaning while no session is open.
         superseded: STATE packets that a newer one replaced in a slow TCP stream.
         unsent: STATE packets that the kernel refused on their only way.
@@ -100,7 +100,7 @@ class HostSession:
         self.refused, self.other_program, self.reseeded = "", "", False
         self._table = table
         self._uid: bytes | None = None
-        self._hello, self._origin = _NO_HELLO, ""
+        self._hello, self.origin = _NO_HELLO, ""
         self._key: int | None = None
         self._astray_ns: tuple[int, int] | None = None
         self._sessions = 0
@@ -166,7 +166,7 @@ class HostSession:
         self.reseeded = False
         self.peer.adopt(proved.peer)
         self._uid, self._hello, self.refused = hello.uid, hello, ""
-        self._origin, self._key = greeting.origin, greeting.key
+        self.origin, self._key = greeting.origin, greeting.key
         self.other_program = greeting.other_program
         self.reporter.open(hello.uid)
         self._log.open(hello.uid, hello.started)
@@ -188,7 +188,7 @@ class HostSession:
             other = f"it is another robot than before: uid {hello.uid.hex()}"
             return self._event("connected", f"connected {where}{note}; {other}", now_ns)
         if self.open and self._presence.holds(now_ns):
-            old = "the old one" if origin == self._origin else f"the old one, from {self._origin},"
+            old = "the old one" if origin == self.origin else f"the old one, from {self.origin},"
             text = f"opened a new session {where}{note}; {old} is closed"
             return self._event("takeover", text, now_ns)
         since_ns = self._presence.since_ns
