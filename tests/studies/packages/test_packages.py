@@ -64,6 +64,17 @@ def files_of(path: Path) -> dict[str, bytes]:
         return {name: whole.read(name) for name in whole.namelist()}
 
 
+@pytest.mark.parametrize("named", ["runs.csv", "."])
+def test_a_campaigns_table_may_have_a_series_name(named: str, tmp_path: Path) -> None:
+    words = ["foraging", "--robots", "2", "--runs", "1", "--duration", "1"]
+    assert cli.main(["sim", *words, "-o", str(tmp_path / "runs.csv")]) == 0
+    target = tmp_path / "out" / "walks.zip"
+    target.parent.mkdir()
+    assert cli.main(["pack", str(tmp_path / named), "-o", str(target), "--no-report"]) == 0
+    assert any("/sources-" in name for name in files_of(target)), "what it was made from"
+    assert cli.main(["reproduce", str(target), "-o", str(tmp_path / "again")]) == 0
+
+
 def repacked(path: Path, into: Path, change: Callable[[str, bytes], bytes]) -> Path:
     """A package with other files, and checksums that are right."""
     files = {name: change(name, data) for name, data in files_of(path).items() if name != MANIFEST}

@@ -115,6 +115,8 @@ def _of_folder(folder: Path) -> FoundSeries:
     name, origins = _plain(folder.resolve().name), origin.kept_in(folder)
     files = sorted(path for path in folder.iterdir() if os.path.isfile(path))
     if os.path.isfile(table):
+        if _kept_beside(table):
+            return _of_table(table)
         rows = read_runs(table)
         runs = [_run(folder, n, row, len(rows) == 1) for n, row in enumerate(rows)]
         return FoundSeries(name, folder, table, runs, files, origins)
@@ -139,9 +141,9 @@ def _of_table(table: Path) -> FoundSeries:
     """A campaign's table, with the recordings beside it; or that of a folder."""
     if not os.path.isfile(table):
         raise UsageError(f"{table}: there is no such file")
-    if table.name == RUNS:
-        return _of_folder(table.parent)
-    folder, stem = table.parent, table.stem
+    folder, stem, origins = table.parent, table.stem, _kept_beside(table)
+    if table.name == RUNS and not origins:
+        return _of_folder(folder)
     recordings = folder / f"{stem}-recordings"
     by_seed: dict[str, list[Path]] = {}
     for path in sorted(recordings.glob(f"*{MCAP}")) if os.path.isdir(recordings) else ():
@@ -154,8 +156,12 @@ def _of_table(table: Path) -> FoundSeries:
         files = {f"{recordings.name}/{path.name}": path for path in mine if len(mine) == 1}
         runs.append(FoundRun(row.run or f"row-{n + 1}", n, row, None, files))
     beside = [table, *(path for path in [table.with_suffix(".png")] if os.path.isfile(path))]
-    origins = origin.kept_in(folder, f"{stem}-{origin.ARCHIVE_STEM}")
     return FoundSeries(_plain(stem), folder, table, runs, beside, origins)
+
+
+def _kept_beside(table: Path) -> list[tuple[int, Path]]:
+    """What a campaign's runs were made from; a campaign's table may be a `runs.csv`, too."""
+    return origin.kept_in(table.parent, f"{table.stem}-{origin.ARCHIVE_STEM}")
 
 
 def _run(folder: Path, number: int, row: RunRow, only: bool) -> FoundRun:
