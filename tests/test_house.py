@@ -462,7 +462,7 @@ def test_whether_a_file_is_there_is_asked_of_os_path() -> None:
 
 BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
-    "vsense in Python": (("vsense",), (".py",), 539, 111770, 400),
+    "vsense in Python": (("vsense",), (".py",), 539, 111775, 400),
     "the page": (("vsense",), (".js", ".css", ".html"), 46, 6000, 300),
     "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 297, 32700, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 38, 7700, 512),

@@ -111,6 +111,11 @@ def keep(
         say(f"vsense: what the runs were made from is not kept: {error}")
 
 
+def stem_beside(table: Path) -> str:
+    """What the file's name begins with where it lies beside a campaign's table."""
+    return f"{table.stem}-{ARCHIVE_STEM}"
+
+
 def kept_in(folder: Path, stem: str = ARCHIVE_STEM) -> list[tuple[int, Path]]:
     """What a folder has kept: from which row on, and the file; in order."""
     archives = []
@@ -120,6 +125,11 @@ def kept_in(folder: Path, stem: str = ARCHIVE_STEM) -> list[tuple[int, Path]]:
             if number is not None:
                 archives.append((int(number[1] or 0), path))
     return sorted(archives)
+
+
+def kept_beside(table: Path) -> list[tuple[int, Path]]:
+    """What a campaign has kept beside its table, likewise."""
+    return kept_in(table.parent, stem_beside(table))
 
 
 def read(path: Path) -> RunOrigin:

@@ -149,7 +149,7 @@ class Robot:
     def now_ns(self) -> int:
         return self._server.clock() + 1234 * S
 
-    def connect(self, overheard: Callable[[bytes], object] = bytes) -> Robot:
+    def connect(self, overheard: Callable[[bytes], object] = lambda hello: None) -> Robot:
         """Opens a TCP connection and sends HELLO, which is `overheard` before it arrives."""
         self.tcp.close()
         self.session.disconnect()
@@ -166,10 +166,10 @@ class Robot:
         self.until(lambda: bool(self.session.c.peer.udp_heard))
         return self
 
-    def open(self) -> Robot:
+    def open(self, overheard: Callable[[bytes], object] = lambda hello: None) -> Robot:
         """Connects until there is a session, and says its first word, which proves that."""
         sessions = self._sessions()
-        self.connect()
+        self.connect(overheard)
         self.until(lambda: bool(self.session.c.open))
         self.say()
         self.until(lambda: self._sessions() > sessions)

@@ -301,10 +301,7 @@ def test_a_copy_that_arrives_before_the_greeting_keeps_no_robot_out(
         assert select.select([thief.connect(hello)], [], [], PATIENCE_S)[0], "it is answered"
         assert closed(thief.connect(hello)), "once"
 
-    one.connect(copy)
-    one.until(lambda: bool(one.session.c.open))
-    one.say()
-    one.until(lambda: still.server.robots()[1].sessions > 1)
+    one.open(copy)
 
 
 @pytest.mark.parametrize("keyed", [False, True])

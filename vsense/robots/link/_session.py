@@ -316,7 +316,7 @@ class HostSession:
         return events
 
     def _note_copy(self, source: Address, now_ns: int) -> None:
-        """The newest datagram has come once more: what is sent goes to both of its sources."""
+        """The newest datagram has come again: either source may be the robot, both are sent to."""
         if self.address is None:
             # The first packet comes both ways, and TCP was faster.
             self.address, self.due_ns = source, now_ns

@@ -115,7 +115,7 @@ def _of_folder(folder: Path) -> FoundSeries:
     name, origins = _plain(folder.resolve().name), origin.kept_in(folder)
     files = sorted(path for path in folder.iterdir() if os.path.isfile(path))
     if os.path.isfile(table):
-        if _kept_beside(table):
+        if origin.kept_beside(table):
             return _of_table(table)
         rows = read_runs(table)
         runs = [_run(folder, n, row, len(rows) == 1) for n, row in enumerate(rows)]
@@ -141,7 +141,8 @@ def _of_table(table: Path) -> FoundSeries:
     """A campaign's table, with the recordings beside it; or that of a folder."""
     if not os.path.isfile(table):
         raise UsageError(f"{table}: there is no such file")
-    folder, stem, origins = table.parent, table.stem, _kept_beside(table)
+    folder, stem, origins = table.parent, table.stem, origin.kept_beside(table)
+    # A campaign's table may have the name of a series', too.
     if table.name == RUNS and not origins:
         return _of_folder(folder)
     recordings = folder / f"{stem}-recordings"
@@ -157,11 +158,6 @@ def _of_table(table: Path) -> FoundSeries:
         runs.append(FoundRun(row.run or f"row-{n + 1}", n, row, None, files))
     beside = [table, *(path for path in [table.with_suffix(".png")] if os.path.isfile(path))]
     return FoundSeries(_plain(stem), folder, table, runs, beside, origins)
-
-
-def _kept_beside(table: Path) -> list[tuple[int, Path]]:
-    """What a campaign's runs were made from; a campaign's table may be a `runs.csv`, too."""
-    return origin.kept_in(table.parent, f"{table.stem}-{origin.ARCHIVE_STEM}")
 
 
 def _run(folder: Path, number: int, row: RunRow, only: bool) -> FoundRun:

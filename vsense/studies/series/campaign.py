@@ -258,7 +258,7 @@ def _name_before(
     the runs were made of is kept beside the table, and is compared.
     """
     path = table.path
-    kept = origin.kept_in(path.parent, f"{path.stem}-{origin.ARCHIVE_STEM}")
+    kept = origin.kept_beside(path)
     if not (table.rows and kept) or len(table.rows[0].series) == fingerprint.NAME_DIGITS:
         return ""
     experiments, setups = _origins(campaign, by_condition)
@@ -279,7 +279,7 @@ def _keep_origin(
     with failing_as(VsenseError, f"{path}: cannot be written"):
         path.parent.mkdir(parents=True, exist_ok=True)
     experiments, setups = _origins(campaign, by_condition)
-    stem, rows = f"{path.stem}-{origin.ARCHIVE_STEM}", len(table.rows)
+    stem, rows = origin.stem_beside(path), len(table.rows)
     origin.keep(path.parent, "sim", experiments, console.say, setups, (), stem, rows)
 
 
