@@ -101,7 +101,7 @@ def draw_legibility(title: str, subtitle: str, seen: Sequence[Legibility]) -> Im
     canvas = Canvas(_MARGIN + columns * step_x, _HEAD + rows * step_y + 10)
     canvas.text(title, _MARGIN, 50, INK, 1.0)
     canvas.text(subtitle, _MARGIN, 80, MUTED, 0.52)
-    legend = "red: hardly any is read; yellow: not in every picture; grey: no place for markers"
+    legend = "red: hardly any is read; yellow: not in every picture; grey: no markers"
     canvas.text(f"{legend}; lines: every 0.5 m", _MARGIN, 104, MUTED, 0.46)
     for k, legible in enumerate(seen):
         x, y = _MARGIN + (k % columns) * step_x, _HEAD + (k // columns) * step_y
