@@ -36,9 +36,6 @@ from tests.system.attacker import Attacker
 from vsense.base.terminal import aligned
 
 INSIDE = "VSENSE_FAULTS_INSIDE"
-BUSY_S = 0.06
-"""A rig that was woken later than this has measured the machine, and the fault counts as void."""
-
 VOID_MOST = 0.25
 """Share of void faults from which nothing was shown."""
 
@@ -131,12 +128,16 @@ class Campaign:
                 done += self._fault(stage, draw_fault(draw, stage), canary)
                 if not stage.moving(stage.places):
                     return  # it was told, and nothing that follows would be this lab's fault
-            self._note(draw.choice(ENDS)(stage, draw))
+            canary.begin()
+            verdict = draw.choice(ENDS)(stage, draw)
+            if not self._is_void(verdict, canary):
+                self._note(verdict)
 
     def _fault(self, stage: Stage, fault: Fault, canary: Canary) -> bool:
         """Has one fault befall a lab; False: the machine was too busy to judge it."""
         time.sleep(SETTLE_S)
-        said, canary.worst_s, begun_ns = len(stage.lab.said), 0.0, stage.now()
+        canary.begin()
+        said, begun_ns = len(stage.lab.said), stage.now()
         ended_ns, missed = begun_ns, ""
         try:
             fault.begin(stage)
@@ -160,11 +161,17 @@ class Campaign:
                 break
         verdict = judge(stage, fault, Window(begun_ns, ended_ns, stage.now(), said))
         verdict.broken += [missed] if missed else []
-        if verdict.broken and canary.worst_s > BUSY_S:
-            self.void.append(verdict)
-            _say(f"void     {fault.name}: the machine was {canary.worst_s * 1e3:.0f} ms late")
+        if self._is_void(verdict, canary):
             return False
         self._note(verdict)
+        return True
+
+    def _is_void(self, verdict: Verdict, canary: Canary) -> bool:
+        """Whether what broke a promise may have been the machine; then it is noted as void."""
+        if not (verdict.broken and (why := canary.busy())):
+            return False
+        self.void.append(verdict)
+        _say(f"void     {verdict.name}: {why}; {verdict.broken[0]}")
         return True
 
     def _note(self, verdict: Verdict) -> None:

@@ -33,8 +33,6 @@ from vsense.config import experiment
 from vsense.modes.lab._microcontrollers import read_actuations
 from vsense.robots.link.wire import PacketType, Wanted
 
-LATE_S = 0.06
-"""A canary that was woken later has met a machine that had no time for anybody."""
 QUIET_S, SAID_S = 1.5, 5.0
 """So long nothing may be said of robots that obey, and so long is waited for what must be said."""
 LOGGED_S = 0.2
@@ -149,7 +147,7 @@ def main() -> int:
                 kind = "hangs" if disobeys else "obeys"
                 shown = "nothing said" if said_s is None else f"said after {1e3 * said_s:.0f} ms"
                 print(f"{number + 1:4} {kind} {shown}, canary {1e3 * worst_s:.0f} ms", flush=True)
-                if worst_s > LATE_S:
+                if worst_s > Canary.LATE_S:
                     counts["void"] += 1
                 elif disobeys and said_s is None:
                     counts["missed"] += 1

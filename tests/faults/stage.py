@@ -9,6 +9,7 @@ import socket
 import subprocess
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.faults.relay import Relay
-from tests.rigs.processes import Lab, children
+from tests.rigs.processes import Lab, children, descendants
 from tests.system.attacker import Attacker
 from vsense.base.clock import host_ns
 from vsense.config import experiment
@@ -34,29 +35,70 @@ class StageError(AssertionError):
 
 
 class Canary:
-    """How late a thread of this process is woken: what a busy machine does to everybody.
+    """What a busy machine does to everybody: how late a thread of this process is woken, and how
+    much of the processors programs have that are not this process or its children.
 
     Attributes:
-        worst_s: the worst since somebody set it to 0.
+        worst_s: the worst delay since `begin`, or since somebody set it to 0.
     """
 
     PERIOD_S = 0.005
+    LATE_S, OTHERS_MOST = 0.06, 0.1
+    """More than this of a delay, or of all processors, is a machine that does something else."""
 
     def __init__(self) -> None:
         self.worst_s = 0.0
         self._ended = False
+        self.begin()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
+
+    def begin(self) -> None:
+        """What was before counts no longer."""
+        self.worst_s, self._begun_s = 0.0, time.monotonic()
+        self._ours, self._before = self._family(), processor_times()
+
+    def busy(self) -> str:
+        """Why what failed since `begin` may be the machine's fault; "" for a quiet one."""
+        if self.worst_s > self.LATE_S:
+            return f"the machine was {self.worst_s * 1e3:.0f} ms late"
+        # Who was started here is still ours where its parent has ended since.
+        ours = self._ours | self._family()
+        taken_s = sum(
+            spent_s - self._before.get(pid, 0.0)
+            for pid, spent_s in processor_times().items()
+            if pid not in ours
+        )
+        share = taken_s / ((time.monotonic() - self._begun_s) * (os.cpu_count() or 1))
+        return f"others had {share:.0%} of the processors" if share > self.OTHERS_MOST else ""
 
     def close(self) -> None:
         self._ended = True
         self._thread.join()
+
+    @staticmethod
+    def _family() -> set[int]:
+        return {os.getpid(), *descendants()}
 
     def _run(self) -> None:
         while not self._ended:
             before_s = time.monotonic()
             time.sleep(self.PERIOD_S)
             self.worst_s = max(self.worst_s, time.monotonic() - before_s - self.PERIOD_S)
+
+
+def processor_times() -> dict[int, float]:
+    """Of each process, what it and the children that it has waited for have taken [s], see proc(5).
+
+    The first one has waited for all whose parents have ended, for ours, too: it counts alone.
+    """
+    tick_s, taken = 1.0 / os.sysconf("SC_CLK_TCK"), {}
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):  # it has ended meanwhile
+            words = path.read_text().rpartition(")")[2].split()
+            pid = int(path.parent.name)
+            taken[pid] = tick_s * sum(map(int, words[11 : 13 if pid == 1 else 15]))
+    return taken
 
 
 class Stage:

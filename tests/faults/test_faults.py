@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
+import time
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,8 +14,10 @@ import numpy as np
 import pytest
 
 from tests.conftest import require_own_network
+from tests.faults import stage as rig
 from tests.faults.faults import Fault
 from tests.faults.judge import Wheels, Window, judge, judge_end, judge_kill
+from tests.faults.stage import Canary
 from tests.rigs.places import ROOT
 from vsense.modes.lab._microcontrollers import ACTUATION
 
@@ -136,6 +140,31 @@ def test_how_a_lab_ends(stage: Any, code: int, took_s: float, logged: bool, word
     broken = judge_end(stage, signal.SIGTERM, code, took_s, logged)
     assert bool(broken) == bool(words), broken
     assert not words or words in broken[0]
+
+
+@pytest.mark.quick
+def test_a_machine_that_others_use_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    others, ours, spent = 10**7, os.getpid(), {10**7: 3.0, os.getpid(): 1.0}
+    monkeypatch.setattr(rig, "processor_times", lambda: dict(spent))
+    monkeypatch.setattr(Canary, "LATE_S", 1e9)
+    canary = Canary()
+    canary.close()
+    spent[ours] += 1e9
+    assert canary.busy() == ""
+    spent[others] += 1e9
+    assert canary.busy().startswith("others had ")
+    canary.begin()
+    assert canary.busy() == ""
+    spent[others + 1] = 1e9  # it has begun since
+    assert canary.busy()
+
+
+@pytest.mark.quick
+def test_processor_times_are_the_systems() -> None:
+    before_s, start_s = rig.processor_times()[os.getpid()], time.process_time()
+    while time.process_time() - start_s < 0.1:
+        pass
+    assert rig.processor_times()[os.getpid()] - before_s > 0.05
 
 
 @pytest.mark.quick

@@ -27,6 +27,8 @@ from typing import Any
 import aiohttp
 import numpy as np
 
+from tests.rigs.processes import descendants
+
 WARM_UP_SHARE, WARM_UP_S = 0.15, 90.0
 """So much of the time, and at least so long where that is less than half: then caches and tables
 are full."""
@@ -63,25 +65,6 @@ class Heard:
     again: list[str] = field(default_factory=list)
 
 
-def _children() -> dict[int, list[int]]:
-    found: dict[int, list[int]] = {}
-    for path in Path("/proc").glob("[0-9]*/stat"):
-        try:
-            after = path.read_text().rpartition(")")[2].split()
-        except OSError:
-            continue
-        found.setdefault(int(after[1]), []).append(int(path.parent.name))
-    return found
-
-
-def family_of(pid: int) -> list[int]:
-    """A process and all that came from it."""
-    children, found = _children(), [pid]
-    for one in found:
-        found.extend(children.get(one, []))
-    return found
-
-
 def kind_of(pid: int, host: int) -> str:
     """One of KINDS."""
     if pid == host:
@@ -105,7 +88,7 @@ def _takes(pid: int) -> tuple[float, int, int]:
 def sample(host: int, at_s: float) -> Iterator[tuple[str, Sample]]:
     """Looks at all processes of a lab once."""
     sums = {kind: [0.0, 0.0, 0.0, 0.0] for kind in KINDS}
-    for pid in family_of(host):
+    for pid in (host, *sorted(descendants(host))):
         try:
             takes = (1.0, *_takes(pid))
             kind = kind_of(pid, host)
