@@ -1,10 +1,10 @@
 """Changes one place of the code at random and asks the tests: `scripts/bench mutants`.
 
 A mutant is a comparison, an operator or a number of one line changed, in Python or in C. Each is
-put into a copy of the checkout, whose tests of that room and of the rooms that import it then run,
-nearest first, until one fails. Where that test passes without the change, the mutant is killed. One
-that no test notices is printed with its line and what it was changed to: a test is missing there,
-or nothing observable has changed.
+put into a copy of the checkout, whose tests of that room and of the one that imports it most then
+run, nearest first, until one fails. Where that test passes without the change, the mutant is
+killed. One that no test notices is printed with its line and what it was changed to: a test is
+missing there, or nothing observable has changed.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -173,7 +174,10 @@ def _git(*words: str) -> list[str]:
 
 
 def stages_of(path: str) -> list[list[str]]:
-    """The tests that should notice a change of this file: stages of files, nearest first."""
+    """The tests that should notice a change of this file: stages of pytest's words, nearest first.
+
+    Those of the file itself, of its folder, of its room, and of the room that imports it most.
+    """
     if not path.endswith(".py"):
         c_suites = ["tests/wire/test_c_suite.py", "tests/kernels/test_c_suite.py"]
         if path.startswith(("robot/", "firmware_bridge/")):
@@ -194,14 +198,19 @@ def stages_of(path: str) -> list[list[str]]:
         if (file.stem == f"test_{stem}" and own in file.relative_to(ROOT).parents)
         or imported.search(file.read_text("utf-8"))
     ]
-    importers = {
+    importers = Counter(
         Path("tests", *file.relative_to(ROOT).parts[1:-1]).as_posix()
         for file in (ROOT / "vsense").rglob("*.py")
         if imported.search(file.read_text("utf-8"))
-    }
-    rooms = [own.as_posix(), Path(*own.parts[:2]).as_posix(), *sorted(importers)]
-    stages = [by_text, *([room] for room in dict.fromkeys(rooms) if (ROOT / room).is_dir())]
-    return [stage for stage in stages if stage and stage != ["tests"]]
+    )
+    room = Path(*own.parts[:2])
+    above = [name for name, _ in importers.most_common() if room.parts != Path(name).parts[:2]]
+    stages, done = [by_text] if by_text else [], by_text
+    for name in dict.fromkeys([own.as_posix(), room.as_posix(), *above[:1]]):
+        if name != "tests" and (ROOT / name).is_dir():
+            stages.append([name, *(f"--ignore={tested}" for tested in done)])
+            done = [*done, name]
+    return stages
 
 
 class Copy:
