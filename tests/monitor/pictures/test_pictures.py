@@ -16,9 +16,9 @@ from vsense.config.experiment import load
 from vsense.config.specs import Experiment
 from vsense.monitor.pictures import _arena_view, run_figure
 from vsense.monitor.pictures._arena_view import VIEW_PX
+from vsense.monitor.pictures._chart import Chart, ChartSeries, draw_chart, ticks
 from vsense.monitor.pictures._scene import DARK, LIT, VIRTUAL, ArenaMoment
 from vsense.monitor.pictures._world_snapshot import take_snapshot
-from vsense.monitor.pictures.run_figure import Chart, ChartSeries
 from vsense.monitor.pictures.run_samples import RunSamples
 from vsense.world.entities import Arena, Box, Cylinder, Light, VirtualRobot, Zone
 from vsense.world.fields import Field
@@ -119,11 +119,11 @@ def test_outline_of_a_turned_box_follows_its_turn(experiment: Experiment) -> Non
     most=st.integers(2, 9),
 )
 def test_ticks_are_round_rising_and_inside(low: float, high: float, most: int) -> None:
-    ticks = run_figure.ticks(low, high, most)
-    step = np.diff(ticks)
-    assert len(ticks) >= 1 and len(ticks) <= most + 1
+    values = ticks(low, high, most)
+    step = np.diff(values)
+    assert len(values) >= 1 and len(values) <= most + 1
     assert np.all(step > 0)
-    assert ticks[0] >= low - 1e-6 * (high - low) and ticks[-1] <= high + 1e-6 * (high - low)
+    assert values[0] >= low - 1e-6 * (high - low) and values[-1] <= high + 1e-6 * (high - low)
     if len(step):
         mantissa = step[0] / 10.0 ** np.floor(np.log10(step[0]) + 1e-9)
         assert min(abs(mantissa - m) for m in (1, 2, 5, 10)) < 1e-6
@@ -133,9 +133,7 @@ def test_chart_draws_a_constant_and_negative_values() -> None:
     canvas = Canvas(800, 400)
     values = np.array([-1.0, -1.0, 0.0])
     series = [ChartSeries("a", values, LIT), ChartSeries("b", np.zeros(3), DARK)]
-    run_figure.draw_chart(
-        canvas, Chart("m", np.arange(4.0), series, 0.0, [(1.0, "here")]), 20, 40, 760
-    )
+    draw_chart(canvas, Chart("m", np.arange(4.0), series, 0.0, [(1.0, "here")]), 20, 40, 760)
     reds = (canvas.finished() == np.array(LIT)).all(axis=-1)
     assert reds.any()
 

@@ -230,11 +230,12 @@ class Session(ExperimentSession):
 
     def _notes(self, directory: Path) -> RunNotes:
         experiment = self.experiment
+        samples, height_m = RunSamples(experiment), experiment.marker.height_m
         return RunNotes(
-            RunSamples(experiment),
+            samples,
             Figures(experiment),
             TrackingTally(self._tags),
-            RunCameras(self.cameras, experiment.marker.height_m, vignetting),
+            RunCameras(self.cameras, height_m, samples.moment, vignetting),
             self.environment.seed,
             directory,
             experiment,
@@ -291,8 +292,7 @@ class Session(ExperimentSession):
                     self._judge(step, notes.tracking)
                     samples.add(step.run_timestep, world)
                     if step.run_timestep in samples.timesteps or not notes.seen.pictures:
-                        # The first ones have the memory that later ones take: none grows then.
-                        notes.seen.pictures.clear()
+                        # Of the first ones, too: later ones take their memory.
                         notes.seen.keep(step.run_timestep, step.frames)
                     observe(step)
         finally:

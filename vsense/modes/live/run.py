@@ -45,9 +45,9 @@ class Portrait:
 
     def __init__(self, experiment: Experiment, cameras: Sequence[Camera] = ()) -> None:
         self._experiment = experiment
-        self._cameras = RunCameras(cameras, experiment.marker.height_m)
-        self._newest = -1
         self._samples = RunSamples(experiment)
+        moment = self._samples.moment
+        self._cameras = RunCameras(cameras, experiment.marker.height_m, moment)
         self._source = experiment.source
         self._every = 1
         self._timesteps: list[int] = []
@@ -88,15 +88,12 @@ class Portrait:
         """
         second = max(round(self._experiment.ticks_per_second), 1)
         last = self._experiment.timesteps - 1
-        is_kept = run_timestep in self._samples.timesteps
-        if not frames or not (
-            is_kept or run_timestep % second == 0 or last - SPARE_TIMESTEPS < run_timestep <= last
+        if (
+            run_timestep in self._samples.timesteps
+            or run_timestep % second == 0
+            or last - SPARE_TIMESTEPS < run_timestep <= last
         ):
-            return
-        if self._newest not in self._samples.timesteps:
-            self._cameras.drop(self._newest)
-        self._newest = run_timestep
-        self._cameras.keep(run_timestep, frames)
+            self._cameras.keep(run_timestep, frames)
 
     def _thin(self) -> None:
         """Forgets every other timestep, but for those of a view and the last."""

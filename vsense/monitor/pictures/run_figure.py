@@ -6,7 +6,7 @@ beneath. For the pollution experiment it combines figures 5.1 and 5.2 of the the
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -15,13 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.arena import Floats, Frame, Image
-from vsense.base.canvas import GRID, INK, MUTED, SCALE, Canvas, Colour, width_of
+from vsense.base.canvas import INK, MUTED, SCALE, Canvas, Colour
 from vsense.base.errors import VsenseError
 from vsense.base.terminal import spoken
 from vsense.config.specs import Experiment
 from vsense.monitor.pictures import _arena_view
 from vsense.monitor.pictures._arena_view import VIEW_PX
 from vsense.monitor.pictures._camera_view import CameraPanels
+from vsense.monitor.pictures._chart import CHART_PX, Chart, ChartSeries, draw_chart
 from vsense.monitor.pictures._scene import CONE, DARK, ArenaMoment
 from vsense.monitor.pictures._stitch import Shade, TopView
 from vsense.monitor.pictures._world_snapshot import WorldSnapshot, take_snapshot
@@ -223,143 +224,52 @@ def charts(run: RunFigure) -> list[Chart]:
     return drawn[:MOST_CHARTS]
 
 
-CHART_PX = 300
-LABEL = 0.45
-_LEFT = 48
-"""Room for the numbers on the left."""
-
-
-@dataclass(frozen=True, slots=True)
-class ChartSeries:
-    """One measure over time: its name, (n,) values and its colour."""
-
-    name: str
-    values: NDArray[np.float64]
-    colour: Colour
-
-
-@dataclass(frozen=True, slots=True)
-class Chart:
-    """A chart of one measure or more.
-
-    Attributes:
-        unit: Label of the vertical axis.
-        time_s: (n + 1,) when each timestep began, and when the last one ended.
-        top: End of the vertical axis; it begins at 0 or at the smallest value below.
-        marks: Events: time in s and words.
-    """
-
-    unit: str
-    time_s: NDArray[np.float64]
-    series: Sequence[ChartSeries]
-    top: float
-    marks: Sequence[tuple[float, str]] = ()
-
-
-def draw_chart(canvas: Canvas, chart: Chart, left: float, top: float, width: float) -> None:
-    """Draws a chart of `CHART_PX` px into a picture; left, top, width in px."""
-    names = max(width_of(series.name, 0.5) for series in chart.series)
-    axis = _Axis(chart, left + _LEFT, top, width - _LEFT - names - 20)
-    axis.grid(canvas, chart.unit, left)
-    for time_s, words in chart.marks:
-        if 0.0 < time_s < chart.time_s[-1]:
-            x = axis.at(time_s, 0.0)[0]
-            canvas.lines(np.array([[x, top - 8], [x, axis.bottom]]), MUTED)
-            canvas.text(words, x + 8, top - 2, MUTED, LABEL)
-    ends = []
-    for series in chart.series:
-        times = np.repeat(chart.time_s, 2)[1:-1]
-        stairs = zip(times, np.repeat(series.values, 2), strict=True)
-        points = np.array([axis.at(time_s, value) for time_s, value in stairs])
-        canvas.lines(points, series.colour, 2.0)
-        ends.append((float(points[-1, 1]), series.name, series.colour))
-    _line_names(canvas, ends, axis.right + 12)
-    floor = np.array([[axis.left, axis.bottom], [axis.right, axis.bottom]])
-    canvas.lines(floor, MUTED)
-
-
-class _Axis:
-    """Maps times and values to the picture."""
-
-    def __init__(self, chart: Chart, left: float, top: float, width: float) -> None:
-        lowest = min(float(series.values.min()) for series in chart.series)
-        highest = max(float(series.values.max()) for series in chart.series)
-        self.left, self.right = left, left + width
-        self._top, self.bottom = top, top + CHART_PX
-        self._low, self._high = min(lowest, 0.0), max(chart.top, highest, 1e-9)
-        self._end_s = float(chart.time_s[-1])
-
-    def at(self, time_s: float, value: float) -> tuple[float, float]:
-        """The place of a value at a time."""
-        x = self.left + (self.right - self.left) * time_s / self._end_s
-        share = (value - self._low) / (self._high - self._low)
-        return x, self.bottom - (self.bottom - self._top) * share
-
-    def grid(self, canvas: Canvas, unit: str, left: float) -> None:
-        """Draws numbers and lines along both axes."""
-        for value in ticks(self._low, self._high, 5):
-            y = self.at(0.0, value)[1]
-            canvas.lines(np.array([[self.left, y], [self.right, y]]), GRID)
-            label = f"{value:g}"
-            canvas.text(label, self.left - 10 - width_of(label, LABEL), y + 5, MUTED, LABEL)
-        for time_s in ticks(0.0, self._end_s, 4 + round((self.right - self.left) / 400)):
-            x = self.at(time_s, 0.0)[0]
-            canvas.lines(np.array([[x, self.bottom], [x, self.bottom + 6]]), MUTED)
-            label = f"{time_s:g} s"
-            canvas.text(label, x - width_of(label, LABEL) / 2, self.bottom + 24, MUTED, LABEL)
-        canvas.text(unit, left, self._top - 14, MUTED, LABEL)
-
-
-def _line_names(canvas: Canvas, ends: list[tuple[float, str, Colour]], x: float) -> None:
-    """Names each line at its end, without overlaps."""
-    lowest = -100.0
-    for y, name, colour in sorted(ends, key=lambda end: end[0]):
-        y = max(y, lowest + 20.0)
-        canvas.text(name, x, y + 5.0, colour, 0.5)
-        lowest = y
-
-
-def ticks(low: float, high: float, most: int) -> Floats:
-    """Round values between two ends, at most `most` steps of 1, 2 or 5 times a power of ten."""
-    raw = (high - low) / most
-    power = 10.0 ** np.floor(np.log10(raw))
-    step = next(s * power for s in (1, 2, 5, 10) if s * power >= raw * (1.0 - 1e-9))
-    first = np.ceil(low / step - 1e-9)
-    count = np.floor(high / step + 1e-9) - first + 1
-    return np.asarray((first + np.arange(count)) * step)
-
-
 _PAPER: Colour = (255, 255, 255)
 _QUALITY = (cv2.IMWRITE_JPEG_QUALITY, 90)
 
 
 class RunCameras:
-    """The pictures of a run's cameras at chosen timesteps, and how to show them.
+    """The pictures of a run's cameras for its two views, and how to show them.
 
     Args:
         cameras: may be none.
         top_m: height of the markers above the floor.
+        moment: the run's timestep that ends the first view, see `RunSamples`; None: there is one.
         shade: see `TopView`.
 
     Attributes:
-        pictures: by the run's timestep and the camera's id.
+        pictures: by the run's timestep and the camera's id; of each view the newest.
     """
 
-    def __init__(self, cameras: Sequence[Camera], top_m: float, shade: Shade | None = None) -> None:
-        self.pictures: dict[int, Mapping[str, Image]] = {}
+    def __init__(
+        self,
+        cameras: Sequence[Camera],
+        top_m: float,
+        moment: int | None,
+        shade: Shade | None = None,
+    ) -> None:
+        self.pictures: dict[int, dict[str, Image]] = {}
         self._packed: dict[int, dict[str, Image]] = {}
         self._cameras, self._top_m, self._shade = cameras, top_m, shade
+        self._ids, self._moment = {camera.id for camera in cameras}, moment or 0
 
     def keep(self, timestep: int, frames: Sequence[Frame]) -> None:
-        """Copies pictures, so that their memory returns to the cameras."""
-        ids = {camera.id for camera in self._cameras}
-        copied = {f.camera: f.image.copy() for f in frames if f.camera in ids}
-        if copied:
-            self.pictures[timestep] = copied
+        """Copies pictures over the view's former ones.
 
-    def drop(self, timestep: int) -> None:
-        """Forgets the pictures of a timestep, if there are any."""
-        self.pictures.pop(timestep, None)
+        So their memory returns to the cameras, and a long run takes no more.
+        """
+        if not (seen := [frame for frame in frames if frame.camera in self._ids]):
+            return
+        is_late = timestep >= self._moment
+        view = (other for other in self.pictures if (other >= self._moment) == is_late)
+        former = self.pictures.pop(next(view, timestep), {})
+        self.pictures[timestep] = {}
+        for frame in seen:
+            copy = former.get(frame.camera)
+            if copy is None or copy.shape != frame.image.shape:
+                copy = np.empty_like(frame.image)
+            np.copyto(copy, frame.image)
+            self.pictures[timestep][frame.camera] = copy
 
     def pack(self) -> None:
         """Keeps all pictures as JPEG, of a run that others follow: runs may be many."""
