@@ -29,11 +29,14 @@ from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 
+from tests.mutants.covered import Covered, measure
 from tests.rigs.places import ROOT
 
 FOLDERS = ("vsense", "c_src", "robot", "firmware_bridge")
 LIMIT_S = 240.0
 """Tests that take longer have failed: they may have met an endless loop."""
+TESTS_MOST, PARTS_MOST = 60, 6
+"""Of the tests that run a line so many at once, the quickest first, and so often."""
 
 SWAPS = {
     **{"==": "!=", "!=": "==", "<": "<=", "<=": "<", ">": ">=", ">=": ">"},
@@ -216,8 +219,8 @@ def stages_of(path: str) -> list[list[str]]:
 class Copy:
     """A copy of the checkout in which one mutant after the other is tried."""
 
-    def __init__(self, root: Path) -> None:
-        self.root = root
+    def __init__(self, root: Path, covered: Covered | None = None) -> None:
+        self.root, self._covered = root, covered
         for name in _git("ls-files"):
             (root / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(ROOT / name, root / name)
@@ -236,7 +239,8 @@ class Copy:
             path.write_text(mutant.apply(text), "utf-8")
             if is_c and not self._build():
                 return Verdict.KILLED
-            failed = next((s for s in stages_of(mutant.path) if not self._passes(s)), None)
+            stages = self._stages(mutant, text)
+            failed = next((s for s in stages if not self._passes(s)), None)
         finally:
             path.write_text(text, "utf-8")
             if is_c:  # the next mutant is judged with the library as it was
@@ -245,6 +249,14 @@ class Copy:
             return Verdict.SURVIVED
         # A busy machine or the time of day may have failed it, too.
         return Verdict.KILLED if self._passes(failed, "--last-failed") else Verdict.UNJUDGED
+
+    def _stages(self, mutant: Mutant, text: str) -> list[list[str]]:
+        """The tests that run the line, where that was measured; else those of its rooms."""
+        tests = None if self._covered is None else self._covered.tests_of(mutant, text)
+        if tests is None:
+            return stages_of(mutant.path)
+        parts = [tests[k : k + TESTS_MOST] for k in range(0, len(tests), TESTS_MOST)]
+        return parts[:PARTS_MOST]
 
     def _build_as_it_is(self) -> None:
         if not self._build():
@@ -293,7 +305,14 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=20, metavar="N", help="mutants (20)")
     parser.add_argument("--seed", type=int, default=1, metavar="S", help="of the drawing (1)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), metavar="N", help="at once")
+    parser.add_argument(
+        "--measure",
+        action="store_true",
+        help="first note which tests run which lines (an hour), and ask only those from then on",
+    )
     options = parser.parse_args()
+    if options.measure:
+        measure(["tests"], options.jobs)
     below = options.paths or list(FOLDERS)
     if options.changed:
         below = _git("diff", "--name-only", "--diff-filter=d", "main", "--", *below)
@@ -311,10 +330,13 @@ def main() -> int:
 
 def try_all(drawn: Sequence[Mutant], jobs: int) -> list[Verdict]:
     """Tries these mutants, `jobs` at once; prints and gives each one's verdict, in order."""
+    covered = None
+    with suppress(FileNotFoundError):
+        covered = Covered()
     with tempfile.TemporaryDirectory(prefix="vsense-mutants-") as folder:
         copies: queue.SimpleQueue[Copy] = queue.SimpleQueue()
         for number in range(jobs):
-            copies.put(Copy(Path(folder, str(number))))
+            copies.put(Copy(Path(folder, str(number)), covered))
 
         def judge(mutant: Mutant) -> Verdict:
             copy = copies.get()

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import ast
+import shutil
 import subprocess
 from pathlib import Path
 
 import pytest
 
+from tests.mutants import covered as covered_module
 from tests.mutants import mutants as mutants_module
-from tests.mutants.mutants import FOLDERS, Verdict, draw, files, mutants, stages_of, try_all
+from tests.mutants.mutants import FOLDERS, Mutant, Verdict, draw, files, mutants, stages_of, try_all
 from tests.rigs.places import ROOT
 
 PYTHON = '''\
@@ -131,3 +133,75 @@ def test_a_test_that_fails_without_a_change_kills_nothing(
     }
     checkout(tmp_path, texts, monkeypatch)
     assert try_all(draw(files(["vsense"]), 2, 1), jobs=1) == [Verdict.UNJUDGED] * 2
+
+
+COVERED = """\
+LIMIT = 3
+
+def half(
+    x,
+):
+    if (
+        x > 0
+    ):
+        return x / 2
+    return 0
+
+def told():
+    return half(
+        LIMIT
+    )
+"""
+TESTED = """\
+import subprocess, sys
+import pytest
+from vsense.room import thing
+
+@pytest.mark.parametrize("x", [4, 6])
+def test_half(x):
+    assert thing.half(x) == x / 2
+
+def test_nothing():
+    assert thing.half(0) == 0
+
+def test_told():
+    command = "from vsense.room.thing import told; assert told()"
+    subprocess.run([sys.executable, "-c", command], check=True)
+"""
+
+
+def test_only_the_tests_that_run_a_line_judge_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    texts = {
+        "pyproject.toml": "[tool.pytest.ini_options]\nmarkers = ['alone', 'paced']\n",
+        "setup.py": "",
+        "vsense/__init__.py": "",
+        "vsense/room/__init__.py": "",
+        "vsense/room/thing.py": COVERED,
+        "tests/room/test_thing.py": TESTED,
+    }
+    checkout(tmp_path, texts, monkeypatch)
+    for name in ("mutants/covered.py", "rigs/places.py"):
+        (tmp_path / "tests" / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(Path(covered_module.__file__).parents[1] / name, tmp_path / "tests" / name)
+    monkeypatch.setattr(covered_module, "ROOT", tmp_path)
+    monkeypatch.setattr(covered_module, "FOLDER", tmp_path / "build/covered")
+    with pytest.raises(FileNotFoundError):
+        covered_module.Covered()
+    assert covered_module.measure(["tests/room"], 1) == 0
+    found = covered_module.Covered()
+
+    def tests_of(line: int, text: str = COVERED) -> set[str] | None:
+        mutant = Mutant("vsense/room/thing.py", line, 0, 0, "", "")
+        tests = found.tests_of(mutant, text)
+        return tests if tests is None else {test.partition("::test_")[2] for test in tests}
+
+    assert tests_of(7) == {"half[4]", "half[6]", "nothing", "told"}
+    assert tests_of(9) == {"half[4]", "half[6]", "told"}
+    assert tests_of(10) == {"nothing"}
+    assert tests_of(14) == {"told"}, "in a process that the test has started"
+    assert tests_of(1) == {"half[4]", "half[6]", "nothing", "told"}
+    assert tests_of(1, COVERED + "\n") is None
+    drawn = [m for m in mutants("vsense/room/thing.py", COVERED) if m.line in (7, 9)]
+    assert try_all(drawn, jobs=1) == [Verdict.SURVIVED] * 2 + [Verdict.KILLED] * 2
