@@ -72,7 +72,7 @@ SITUATIONS: dict[str, tuple[str, State, bool, bool]] = {
     "early emergency": ("emergency", State.EMERGENCY, False, False),
 }
 
-HALTED = "EMERGENCY STOP: all robots stand still until a reset"
+HALTED = "EMERGENCY STOP: all robots must stand until a reset"
 
 WALK = """
 waiting         | start     | waiting, asked  | -     | run 1 starts

@@ -62,7 +62,7 @@ class Move:
     why: str = ""
 
 
-_HALTED = "EMERGENCY STOP: all robots stand still until a reset"
+_HALTED = "EMERGENCY STOP: all robots must stand until a reset"
 _RESET = "reset: run {following} waits for a start"
 
 BEGIN = Move("run {run} starts", asked=True)

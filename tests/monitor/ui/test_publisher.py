@@ -25,6 +25,7 @@ from vsense.monitor.ui.messages import ExperimentFacts
 from vsense.monitor.ui.publisher import PreviewEncoder, Publisher
 from vsense.robots.link.status import RobotStatus
 from vsense.robots.link.wire import ReadingValues, StopCause, Telemetry, Wanted
+from vsense.run.alarms import Alarm
 from vsense.run.control import Control
 from vsense.run.environment import Environment
 from vsense.run.orders import Order, OrderKind
@@ -51,7 +52,7 @@ class Room:
         self.robots_now: dict[int, RobotStatus] = {t: status(t, f"epuck_{t}") for t in self.tags}
         self.readings: dict[int, ReadingValues] = {}
         self.control = Control(lambda wanted: None, lambda text: None)
-        self.troubles = Troubles()
+        self.troubles, self.alarms = Troubles(), list[Alarm]()
         trackers = {"cam": "arrows"}
         scene = ExperimentFacts(
             *("lab", "<file/>", False, [CAMERA], trackers, self.troubles), user="anna"
@@ -59,7 +60,7 @@ class Room:
         self.publisher = Publisher(
             self.bus, scene, self.environment, self, self.control,  # type: ignore[arg-type]
             lambda: {"runs": 1, "text": "", "recording": None, "disk_free_bytes": 1},
-            lambda: self.now_ns,
+            lambda: self.now_ns, alarms=lambda: self.alarms,
         )  # fmt: skip
 
     def join(self) -> None:
@@ -102,6 +103,24 @@ def test_everything_is_json_of_finite_numbers(name: str) -> None:
         assert json.loads(text) == message.data, "lists, not arrays or tuples"
     columns = room.of("/robots")[-1]
     assert {len(column) for column in columns.values()} == {len(room.tags)}
+
+
+def test_an_alarm_is_published_in_its_timestep_and_so_is_its_end() -> None:
+    room = Room("pollutant", "/run")
+    room.join()
+    room.step(0)
+    room.alarms.append(Alarm("disobeys", "robot 31 does NOT stop: lift it", "0.30 s ago"))
+    room.step(1)
+    assert [run["alarms"] for run in room.of("/run")] == [
+        [],
+        [{"kind": "disobeys", "text": "robot 31 does NOT stop: lift it", "cause": "0.30 s ago"}],
+    ]
+    room.alarms[0] = Alarm("disobeys", "robot 31 does NOT stop: lift it", "0.40 s ago")
+    room.step(2)
+    assert len(room.of("/run")) == 2, "once a second is enough for how long it lasts"
+    room.alarms.clear()
+    room.step(3)
+    assert room.of("/run")[-1]["alarms"] == []
 
 
 def test_for_nobody_nothing_is_made(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 from vsense.monitor.recording.form import Data
 from vsense.monitor.ui import keyboard
@@ -60,7 +60,14 @@ class RunSteering:
         self._control, self._callbacks = control, callbacks
         self._changes = runtime.changes
         self._publisher = Publisher(
-            room.bus, facts, environment, runtime, control, self._run_facts, changes=runtime.changes
+            room.bus,
+            facts,
+            environment,
+            runtime,
+            control,
+            self._run_facts,
+            changes=runtime.changes,
+            alarms=callbacks.alarms,
         )
 
     def open(self) -> None:
@@ -106,6 +113,5 @@ class RunSteering:
         return {
             **self._room.run_data(),
             "doubts": list(callbacks.doubts),
-            "alarms": [asdict(alarm) for alarm in callbacks.alarms()],
             "spares": [] if self._room.locked else callbacks.spares(),
         }

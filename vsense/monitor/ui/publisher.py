@@ -9,7 +9,7 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Protocol
 
 import cv2
@@ -27,6 +27,7 @@ from vsense.monitor.ui.tables import CameraTable, RobotTable
 from vsense.robots.link.status import RobotStatus
 from vsense.robots.link.table import Direction
 from vsense.robots.link.wire import ReadingValues
+from vsense.run.alarms import Alarm
 from vsense.run.cast import played
 from vsense.run.changes import CarriedOut, Changes
 from vsense.run.control import State
@@ -105,6 +106,7 @@ class Publisher:
         runtime: has the readings that the robots were sent.
         control: has the state of the run.
         room_data: gives the rest of /run: runs, text, recording, disk_free_bytes, doubts.
+        alarms: gives what is wrong with the run now; pages hear at once of one that is new.
         clock: host's monotonic clock [ns].
         changes: of the world, by people; None: there can be none.
     """
@@ -119,8 +121,9 @@ class Publisher:
         room_data: Callable[[], Data],
         clock: Callable[[], int] = host_ns,
         changes: Changes | None = None,
+        alarms: Callable[[], Sequence[Alarm]] = tuple,
     ) -> None:
-        self._changes = changes
+        self._changes, self._alarms = changes, alarms
         if changes is not None:
             changes.notes.append(self._note)
         self.environment = environment
@@ -278,13 +281,15 @@ class Publisher:
             silent_s=None if newest_ns is None else silence_s(self._looked_ns - newest_ns),
             **self._rates.data(),
             **self._room_data(),
+            alarms=[asdict(alarm) for alarm in self._alarms()],
             verdict=self._verdict,
             why=self._why,
         ).data()
 
     def _publish_run(self, now_ns: int) -> None:
         control = self._control
-        key = (control.state, control.run, control.by, control.can, self._verdict)
+        alarms = tuple(alarm.text for alarm in self._alarms())
+        key = (control.state, control.run, control.by, control.can, self._verdict, alarms)
         if self._published.get("/run") == key and now_ns < self._due_ns:
             return
         self._published["/run"] = key

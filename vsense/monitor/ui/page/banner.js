@@ -50,7 +50,7 @@ function ofEmergency({ run, pressed }, connection) {
   }
   if (run?.state === "emergency") {
     const when = run.timestep < 0 ? `before run ${run.run}` : `at ${clock(run.time_s)} of run ${run.run}`;
-    const words = `pressed by ${pressed ?? "somebody"} ${when} · all robots stand · `;
+    const words = `pressed by ${pressed ?? "somebody"} ${when} · all robots must stand · `;
     rows.push(danger("EMERGENCY STOP", `${words}Reset (Shift+R) prepares the next run, which waits for Start`));
   }
   return rows;
