@@ -10,6 +10,7 @@ import subprocess
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
+from threading import Event
 
 import pytest
 from hypothesis import given, settings
@@ -24,6 +25,7 @@ from vsense.studies.packages._archive import (
     PackageError,
     manifest_of,
 )
+from vsense.studies.packages.reproduce import ReproduceOptions, reproduce
 
 FILES: dict[str, bytes] = {"a.txt": b"one\n", "runs/b.csv": b"x\n1\n" * 50, "runs/c.npz": b"\0" * 9}
 
@@ -173,3 +175,20 @@ def test_a_changed_byte_is_found_or_changes_no_file(
     except VsenseError:
         return
     assert found == FILES and not cut
+
+
+@pytest.mark.parametrize(
+    ("contents", "words"),
+    [
+        (b"[]" * (3 << 20), "vsense-package.json has 6144 kB: expected at most 4096 kB"),
+        (b"{}", "vsense-package.json is damaged: it has no 'format'"),
+        (b'{"format": 99}', "vsense-package.json is damaged: another format than "),
+    ],
+)
+def test_contents_that_are_none_are_named_once(tmp_path: Path, contents: bytes, words: str) -> None:
+    files = {"vsense-package.json": contents}
+    path = tmp_path / "theirs.zip"
+    _archive.write(path, {**files, MANIFEST: sums(files)})
+    with pytest.raises(PackageError) as caught:
+        reproduce(path, ReproduceOptions(only_check=True), Event(), len, len)
+    assert str(caught.value).startswith(f"{path}: {words}")

@@ -181,7 +181,8 @@ class Package:
         try:
             info = self._zip.getinfo(name)
             if info.file_size > most_bytes:
-                raise self._error(f"{name} has {info.file_size >> 20} MB, expected less")
+                size, most = info.file_size >> 10, most_bytes >> 10
+                raise self._error(f"{name} has {size} kB: expected at most {most} kB")
             with self._zip.open(info) as file:
                 return file.read(most_bytes)
         except KeyError:

@@ -101,7 +101,9 @@ class PackageContents:
             ]
             contents = cls(runs=runs, **data_)
             _check(contents, set(names))
-        except (ValueError, TypeError, KeyError, AttributeError) as error:
+        except KeyError as error:
+            raise VsenseError(f"{CONTENTS} is damaged: it has no {error}") from None
+        except (ValueError, TypeError, AttributeError) as error:
             raise VsenseError(f"{CONTENTS} is damaged: {error}") from None
         return contents
 

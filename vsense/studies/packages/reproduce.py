@@ -252,10 +252,7 @@ def reproduce(
     with Package(path) as package:
         package.verify(lambda name, share: show(f"checking {100 * share:.0f} %"))
         say(f"{path}: {len(package.names)} files are what was packed")
-        try:
-            contents = PackageContents.read(package.read(CONTENTS, MOST_CONTENTS), package.names)
-        except VsenseError as error:
-            raise PackageError(f"{path}: {error}") from None
+        contents = _contents(package)
         if options.only_check:
             claims.judge("checksums", "", f"{len(package.names)} files")
             return claims
@@ -269,6 +266,14 @@ def reproduce(
     if any(UNTRUSTED in claim.words for claim in claims.claims):
         claims.notes.append(f"some of it was left alone: {UNTRUSTED}")
     return claims
+
+
+def _contents(package: Package) -> PackageContents:
+    data = package.read(CONTENTS, MOST_CONTENTS)
+    try:
+        return PackageContents.read(data, package.names)
+    except VsenseError as error:
+        raise PackageError(f"{package.path}: {error}") from None
 
 
 @contextmanager
