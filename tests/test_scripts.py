@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -124,6 +125,18 @@ def test_callers_folder_is_kept(tree: Path) -> None:
     assert (tree / ".venv/bin/calls").read_text().split("--editable ")[1] == f"{tree}[web,record]\n"
     assert (tree / ".venv/built").read_text().strip()
     assert list(place.iterdir()) == []
+
+
+def test_two_scripts_at_once_build_once(tree: Path) -> None:
+    demo(tree)
+    once = (tree / ".venv/bin/calls").read_text()
+    for file in (".venv/built", ".venv/bin/calls"):
+        (tree / file).unlink()
+    program(tree / ".venv/bin/python", 'sleep 0.5; echo "$PWD" "$@" >>"$(dirname "$0")/calls"')
+    with ThreadPoolExecutor(2) as both:
+        done = list(both.map(demo, [tree, tree]))
+    assert [one.returncode for one in done] == [0, 0], done
+    assert (tree / ".venv/bin/calls").read_text() == once
 
 
 def test_second_start_builds_nothing(tree: Path) -> None:
