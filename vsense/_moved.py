@@ -39,6 +39,7 @@ TABLE = {
     "cameras.steadiness": "vision.cameras.health",
     "clock": "base.clock",
     "commands.handover": "commands.orders",
+    "commands.homes": "commands.experiments",
     "commands.robot_calibrate": "commands.robot_measure",
     "commands.robot_check": "commands.robot_measure",
     "commands.robot_sensors": "commands.robot_measure",

@@ -34,9 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("new", metavar="NEW", help="likewise, such as the file with your changes")
     group = parser.add_mutually_exclusive_group(required=True)
     for option, word in (("--maximize", "more"), ("--minimize", "less")):
-        group.add_argument(
-            option, metavar="MEASURE", help=f"the measure, of which {word} is better"
-        )
+        _arguments.option(group, option, str, "MEASURE", f"the measure, of which {word} is better")
     text = "so much worse is accepted: a share of the old mean, or a number (default: 10%%)"
     _arguments.option(parser, "--margin", str, "SHARE%", text, "10%")
     text = f"at most so many (default and most: {MOST_PAIRS})"

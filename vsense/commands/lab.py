@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import re
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -65,9 +64,8 @@ def add_cameras(group: Any) -> None:
 
 
 def _grid(text: str) -> tuple[int, int]:
-    match = re.fullmatch(r"([1-9][0-9]?)x([1-9][0-9]?)", text)
-    if match is None:
-        raise argparse.ArgumentTypeError(f"'{text}': expected columns and rows, such as 4x4")
+    pattern, expected = r"([1-9][0-9]?)x([1-9][0-9]?)", "columns and rows, such as 4x4"
+    match = _arguments.matched(pattern, text, expected)
     return int(match[1]), int(match[2])
 
 

@@ -45,20 +45,17 @@ def add_reach(parser: argparse.ArgumentParser) -> None:
     add_ssh(parser)
     text = "replace it on robots that are in a running experiment, too; their wheels stop"
     _arguments.flag(parser, "--force", text)
-    parser.add_argument("--json", action="store_true", help="print the results as JSON")
+    _arguments.flag(parser, "--json", "print the results as JSON")
 
 
 def add_ssh(parser: Any) -> None:
     """Declares how robots are reached."""
-    parser.add_argument("--sudo", action="store_true", help="become root on the robots with sudo")
-    parser.add_argument(
-        "--ssh-option",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="what ssh gets with -o, such as HostKeyAlgorithms=+ssh-rsa for an old board; may"
-        " be given several times",
+    _arguments.flag(parser, "--sudo", "become root on the robots with sudo")
+    text = (
+        "what ssh gets with -o, such as HostKeyAlgorithms=+ssh-rsa for an old board; may"
+        " be given several times"
     )
+    _arguments.repeated(parser, "--ssh-option", str, "NAME=VALUE", text)
 
 
 def deploy_all(plan: Plan, robots: Sequence[RobotHost]) -> list[Outcome]:

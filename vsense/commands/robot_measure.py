@@ -64,12 +64,8 @@ def add_check(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_tracking(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--tracking",
-        nargs=2,
-        metavar=("RESOURCES", "SESSION"),
-        help="the overhead cameras: these two files of `vsense camera track`",
-    )
+    text = "the overhead cameras: these two files of `vsense camera track`"
+    _arguments.session_files(parser, "--tracking", text)
 
 
 def _add_session(parser: argparse.ArgumentParser, folder: str, json_text: str) -> None:
@@ -185,7 +181,5 @@ def _sensors(text: str) -> tuple[str, ...]:
 
 
 def _point(text: str) -> tuple[float, float]:
-    match = re.fullmatch(_PAIR, text)
-    if match is None:
-        raise argparse.ArgumentTypeError(f"'{text}': expected x and y in m, such as 0.5,-0.8")
+    match = _arguments.matched(_PAIR, text, "x and y in m, such as 0.5,-0.8")
     return float(match[1]), float(match[2])

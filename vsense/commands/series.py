@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _arguments.flag(
         parser, "--dry", "only say which runs follow, in which order, and how long they take"
     )
-    parser.add_argument("--mode", choices=MODES, help="make the runs there (default: the plan's)")
+    _arguments.choice(parser, "--mode", MODES, "make the runs there (default: the plan's)")
     text = "folder of the series (default: NAME-MODE beside the plan)"
     _arguments.option(parser, "-o --output", Path, "DIR", text)
     _arguments.flag(parser, "--json", "print how the series stands in the end as one JSON object")
@@ -52,8 +52,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     sim.add_on(parser)
     add_making(parser)
     group = parser.add_argument_group("control room")
-    _arguments.add_locked(group)
-    _arguments.add_recording(group)
+    _experiments.add_locked(group)
+    _experiments.add_recording(group)
 
 
 def add_making(parser: argparse.ArgumentParser) -> None:
@@ -70,9 +70,7 @@ def add_making(parser: argparse.ArgumentParser) -> None:
     lab.add_cameras(group)
     lab.add_pace(group)
     _hardware.add_errors(group)
-    _arguments.add_web(parser, insecure=False)
-    _arguments.add_foxglove(parser)
-    _experiments.add_ros2(parser)
+    _experiments.add_doors(parser, insecure=False)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -98,7 +96,7 @@ def options_of(
     Raises as `RoomOptions.check`, before anything is built.
     """
     # Every run is a series' and begins by itself.
-    doors = _arguments.doors_of(options) | {"ros2": _experiments.ros2_of(options)}
+    doors = _experiments.doors_of(options)
     once = {"hold": False, "runs": 1, "series": None, "tokens": None}
     room = _arguments.fill(RoomOptions, options, **doors, **once)
     if not options.dry:

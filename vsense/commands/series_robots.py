@@ -26,12 +26,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = "with real robots, serve the devices of ARGoS's elements from the virtual world"
     _arguments.flag(parser, "--virtual-devices", text)
     group = parser.add_argument_group("bringing controllers to robots")
-    group.add_argument(
-        "--target",
-        choices=list(boards.TARGETS),
-        default="epuck",
-        help="kind of board, as in `vsense robot build` (default: epuck)",
-    )
+    text = "kind of board, as in `vsense robot build` (default: epuck)"
+    _arguments.choice(group, "--target", list(boards.TARGETS), text, "epuck")
     text = (
         "bring nothing: robots have what they need (default: where conditions have different"
         " controllers, each robot of the roster is brought its own before a run)"
