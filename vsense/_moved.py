@@ -43,6 +43,7 @@ TABLE = {
     "commands.robot_calibrate": "commands.robot_measure",
     "commands.robot_check": "commands.robot_measure",
     "commands.robot_sensors": "commands.robot_measure",
+    "commands.series_robots": "commands.series",
     "commands.sim_run": "modes.sim.experiment",
     "config.controllers": "config.experiment",
     "config.parts": "run.cast",

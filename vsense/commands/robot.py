@@ -6,7 +6,7 @@ import argparse
 import json
 import os
 import tempfile
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -265,9 +265,7 @@ def deploy(options: argparse.Namespace) -> int:
     if options.dry:
         _deployments.say_planned(plan, robots, options.json)
         return 0
-    outcomes = robot_keys.deploy_all(plan, robots)
-    if plan.keys is not None:
-        robot_keys.note(options, plan.keys, outcomes)
+    outcomes = robot_keys.bring(plan, options, robots)
     _deployments.say(outcomes, options.json)
     return 0 if all(outcome.ok for outcome in outcomes) else 1
 
@@ -332,7 +330,14 @@ def _binaries(
             driven[board.destination] = controller
     if idle:
         _say_idle(experiment, idle, driven)
-    built = build_programs(experiment, set(driven.values()), options.target, output)
+    return built_for(experiment, driven, options.target, output)
+
+
+def built_for(
+    experiment: Experiment, driven: Mapping[str, str], target: str, output: Path
+) -> dict[str, bytes]:
+    """Builds what robots run: daemons of their controllers' ids, both by robots' destinations."""
+    built = build_programs(experiment, set(driven.values()), target, output)
     contents = {name: boards.load(program.path) for name, program in built.items()}
     return {destination: contents[name] for destination, name in driven.items()}
 

@@ -58,7 +58,15 @@ def add_ssh(parser: Any) -> None:
     _arguments.repeated(parser, "--ssh-option", str, "NAME=VALUE", text)
 
 
-def deploy_all(plan: Plan, robots: Sequence[RobotHost]) -> list[Outcome]:
+def bring(plan: Plan, options: argparse.Namespace, robots: Sequence[RobotHost]) -> list[Outcome]:
+    """Deploys, and notes to whom a key was brought."""
+    outcomes = _deploy(plan, robots)
+    if plan.keys is not None:
+        note(options, plan.keys, outcomes)
+    return outcomes
+
+
+def _deploy(plan: Plan, robots: Sequence[RobotHost]) -> list[Outcome]:
     """Deploys, and shows how far it is."""
     console, done = Console(), [0]
 
@@ -143,7 +151,7 @@ def _bring(options: argparse.Namespace, store: KeySource) -> list[Outcome]:
         keys=store,
         uids=key_holders.uids(key_holders.read(holders_of(options)), robots),
     )
-    return deploy_all(plan, robots)
+    return _deploy(plan, robots)
 
 
 def said_of(forgotten: Sequence[int], store: KeySource) -> list[str]:
