@@ -16,8 +16,8 @@ from vsense.config.casting import Casting
 from vsense.config.experiment import first_robots, load
 from vsense.config.placement import settle
 from vsense.config.roster import Roster
-from vsense.config.specs import Experiment, Stage
-from vsense.modes.lab.hardware import BASES
+from vsense.config.specs import Stage
+from vsense.modes.lab.hardware import BASES, EmulatedLab
 from vsense.modes.live import opening
 from vsense.modes.live.opening import LinkOptions
 from vsense.modes.options import choose_seed
@@ -25,7 +25,7 @@ from vsense.monitor.ui.room import RoomOptions
 from vsense.robots.link.key_process import KeyProcess
 from vsense.robots.link.keys import LinkTrust
 from vsense.tools.robot_calibration import measuring
-from vsense.tools.robot_calibration.measuring import EmulatedSwarm, MeasuringOptions, SensorOptions
+from vsense.tools.robot_calibration.measuring import MeasuringOptions, SensorOptions
 
 _NUMBER = r"\d+(?:\.\d+)?"
 _PAIR = rf"(-?{_NUMBER}),(-?{_NUMBER})"
@@ -157,7 +157,7 @@ def _measuring(options: argparse.Namespace, roster: Roster | None) -> Iterator[M
             address=(host, port),
             trust=LinkTrust(KeyProcess()) if options.lab else _experiments.trust_of(options),
             tracking=options.tracking,
-            lab=_lab_of(options, experiment) if options.lab else None,
+            lab=_lab_of(options) if options.lab else None,
             roster=roster,
             web=web,
             wait_s=options.wait,
@@ -166,9 +166,9 @@ def _measuring(options: argparse.Namespace, roster: Roster | None) -> Iterator[M
         )
 
 
-def _lab_of(options: argparse.Namespace, experiment: Experiment) -> EmulatedSwarm:
-    robots = _hardware.robots_of(options, experiment)
-    return EmulatedSwarm(robots, options.base, options.firmware_watchdog, options.pace)
+def _lab_of(options: argparse.Namespace) -> EmulatedLab:
+    robots = partial(_hardware.robots_of, options)
+    return _arguments.fill(EmulatedLab, options, "cameras", "calibrate", robots=robots)
 
 
 def _sensors(text: str) -> tuple[str, ...]:
