@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 from vsense.base.arena import Floats
 from vsense.base.errors import UsageError, VsenseError
 from vsense.base.terminal import spoken
+from vsense.studies.report import can_draw
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -152,10 +153,11 @@ def styled(sheet: str | None = None) -> Iterator[None]:
             log.warning(line)
 
 
-def require_sheet(sheet: str) -> None:
+def require_sheet(sheet: str | None) -> None:
     """Checks a style sheet before anything is read or simulated; raises as `styled` does."""
-    with styled(sheet):
-        pass
+    if sheet is not None and can_draw():
+        with styled(sheet):
+            pass
 
 
 def setting(name: str) -> Any:

@@ -26,7 +26,7 @@ from vsense.modes.sim.outcome import Task, libraries_of
 from vsense.monitor.recording import MCAP
 from vsense.run import asked
 from vsense.run.runs_csv import RunsFile, condition_of
-from vsense.studies.report import FORMATS, can_draw, lacking
+from vsense.studies.report import FORMATS, _plot, can_draw, lacking
 from vsense.studies.series._folder import CampaignTable
 from vsense.studies.series._order import CAMPAIGN, Cell, condition_words
 from vsense.studies.series._parts import PlannedExperiment
@@ -169,10 +169,7 @@ def run(
         CutShort: likewise, while a cluster was connected or the results were drawn.
         VsenseError: it cannot run, or a run has failed.
     """
-    if campaign.style is not None and can_draw():
-        from vsense.studies.report import _plot
-
-        _plot.require_sheet(campaign.style)
+    _plot.require_sheet(campaign.style)
     with ExitStack() as stack:
         if engine is None:
             here = simulator(campaign.on, campaign.jobs, console, interrupted)
@@ -207,11 +204,7 @@ def _complete(
     _keep_origin(campaign, by_condition, table, console)
     if campaign.record:
         _say_unrecorded(loop, table, console)
-    loop.run()
-    if loop.end_reason:
-        console.end_progress()
-        console.say(f"{loop.in_words()}; the same command goes on from there")
-        raise Interrupted
+    loop.complete()
     return plan, table
 
 
@@ -337,8 +330,6 @@ def write_picture(draw: Callable[[], Figure], path: Path, style: str | None) -> 
     """
     if not can_draw():
         return None
-    from vsense.studies.report import _plot
-
     with _plot.styled(style):
         data = _plot.encode(draw(), path.suffix[1:])
     with failing_as(VsenseError, f"{path}: cannot be written"):
