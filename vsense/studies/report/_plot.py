@@ -35,6 +35,8 @@ _NO_SHEET = "expected a Matplotlib style sheet, or a name in matplotlib.style.av
 _WIDE = 7.16 / 3.5
 """A page's width in columns; IEEE's are 3.5 inches wide, and two with their gap 7.16 inches."""
 _MOST_LETTERS = 44
+_FRAME_IN = 0.6
+"""Of a chart of runs, beside its rows."""
 _TEX = str.maketrans(
     {
         **{sign: f"\\{sign}" for sign in "&%$#_{}"},
@@ -256,6 +258,26 @@ _HALF = 0.32
 _GOLDEN = 0.618034
 _LINE_IN, _GAP_IN = 0.13, 0.14
 """Height of a line of a condition's name, and room between two conditions [inch]."""
+
+
+def file_words(measure: str) -> str:
+    """A measure's name as a part of a file's."""
+    return re.sub(r"[^A-Za-z0-9_]+", "-", measure)[:40].strip("-")
+
+
+def runs_figure(
+    measure: str,
+    groups: Sequence[tuple[str, Sequence[float]]],
+    letters: int,
+    colours: Sequence[str] = ("C0",),
+) -> Figure:
+    """What runs have measured, as `draw_runs`, with the names of groups in lines of `letters`."""
+    labels = [f"{wrapped(label(name), letters)}\n(n = {len(values)})" for name, values in groups]
+    figure = new_figure(height_in=_FRAME_IN + runs_height(labels))
+    axes = figure.subplots()
+    draw_runs(axes, measure, [values for _, values in groups], colours)
+    axes.set_yticks(range(len(labels)), labels)
+    return figure
 
 
 def runs_height(labels: Sequence[str]) -> float:
