@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 
 from vsense.base.arena import Floats, Image
-from vsense.base.errors import UsageError, VsenseError
+from vsense.base.errors import UsageError, VsenseError, failing_as
 from vsense.base.terminal import printable_json
 from vsense.vision.calibration import alignment
 from vsense.vision.calibration.alignment import Alignment
@@ -153,10 +153,8 @@ class AlignServer(ThreadingHTTPServer):
         self.task = task
         self.token = secrets.token_urlsafe(16)
         self.finished = threading.Event()
-        try:
+        with failing_as(VsenseError, f"--port {port}"):
             super().__init__((HOST, port), _Handler)
-        except OSError as error:
-            raise VsenseError(f"--port {port}: {error.strerror}") from None
         self.url = f"http://{HOST}:{self.server_port}/{self.token}/"
 
     def serve_until(self, wait: Callable[[float], bool]) -> None:

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from vsense.base.arena import Frame, Image
 from vsense.base.clock import host_ns
-from vsense.base.errors import GrabberError, UsageError, VsenseError
+from vsense.base.errors import GrabberError, UsageError, VsenseError, failing_as
 from vsense.base.terminal import Console, interruption, print_data
 from vsense.config import resources as resources_file
 from vsense.tools.camera_setup.showing import save_picture
@@ -211,10 +211,8 @@ class ShootingSession:
         counts: dict[str, int | None] = {}
         for camera in filter(images.__contains__, self._cameras):
             folder = self._directory / camera
-            try:
+            with failing_as(VsenseError, f"{folder}: cannot be made"):
                 folder.mkdir(parents=True, exist_ok=True)
-            except OSError as error:
-                raise VsenseError(f"{folder}: cannot be made: {error.strerror}") from None
             save_picture(images[camera], folder / f"{moment}.png")
             counts[camera] = None if self._finder is None else self._corners(images[camera])
         if images:
