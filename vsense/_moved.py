@@ -71,7 +71,7 @@ TABLE = {
     "native": "base.native",
     "packages": "studies.packages",
     "packages.copying": "studies.packages.recordings",
-    "packages.findings": "studies.packages.claims",
+    "packages.findings": "studies.packages.comparing",
     "packages.origin": "modes.origin",
     "packages.recorded": "studies.packages.recordings",
     "packages.scrub": "studies.packages.places",

@@ -22,7 +22,7 @@ from vsense.studies.benchmark._evidence import (
 )
 from vsense.studies.benchmark._result import DEFINITION, Benchmark, figures
 from vsense.studies.packages import _comparing
-from vsense.studies.packages._claims import Claims
+from vsense.studies.packages._comparing import Claims
 from vsense.studies.series import _plan as plans
 from vsense.studies.series._parts import PlanLoader
 

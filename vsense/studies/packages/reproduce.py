@@ -24,7 +24,7 @@ from vsense.run.directory import LOGGED, MEASURES_CSV, SUMMARY, TIMESTEPS_CSV, T
 from vsense.run.programs import shared_objects
 from vsense.studies.packages import _comparing, _figures
 from vsense.studies.packages._archive import Package, PackageError
-from vsense.studies.packages._claims import Claims
+from vsense.studies.packages._comparing import Claims
 from vsense.studies.packages._contents import (
     CONTENTS,
     MOST_CONTENTS,
