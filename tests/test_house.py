@@ -59,7 +59,7 @@ SHORT = {
     **{f"vsense.{name}": "a seam" for name in ("__main__", "base.clock", "studies._pytest_plugin")},
     **{
         f"vsense.commands.{name}": "one file per command"
-        for name in ("docs", "doctor", "new", "reproduce", "serve")
+        for name in ("docs", "doctor", "new", "render", "reproduce", "serve", "track")
     },
 }
 """Modules below `PYTHON_MIN` lines, and why. Every `__init__` may be short, and so may the examples
