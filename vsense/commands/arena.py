@@ -10,7 +10,6 @@ from vsense.base.errors import UsageError
 from vsense.commands import _arguments
 from vsense.config import experiment
 from vsense.tools.camera_setup import aligning
-from vsense.tools.camera_setup.aligning import AlignOptions
 
 DESCRIPTION = (
     "`align` moves the frame of all calibrated cameras so that the experiment's arena lies between"
@@ -39,7 +38,7 @@ def run(options: argparse.Namespace) -> int:
         return aligning.undo(options.cameras)
     if options.experiment is None:
         raise UsageError("expected an experiment, whose arena it is, or --undo")
-    asked = _arguments.fill(AlignOptions, options, clicks=options.click)
+    asked = _arguments.fill(aligning.AlignOptions, options, clicks=options.click)
     return aligning.run(asked, experiment.load(options.experiment).arena.corners_m)
 
 

@@ -14,8 +14,6 @@ from vsense.config.experiment import load, of_folder
 from vsense.config.specs import Stage
 from vsense.modes.lab import board_studio
 from vsense.vision.calibration import checking, foreign, session
-from vsense.vision.calibration.checking import CheckOptions
-from vsense.vision.calibration.session import LensOptions, RigOptions
 from vsense.vision.tracking.specs import TrackingSession
 
 DESCRIPTION = (
@@ -65,7 +63,7 @@ def run(options: argparse.Namespace) -> int:
         if options.experiment is not None:
             arena_m = load(options.experiment, stage=Stage.LAB).arena.corners_m
         given = {"tracking": tracking, "arena_m": arena_m}
-        return checking.run(_arguments.fill(CheckOptions, options, **given))
+        return checking.run(_arguments.fill(checking.CheckOptions, options, **given))
     if options.step == "import":
         return foreign.bring_in(options.files, options.name, options.output)
     if options.step == "export":
@@ -73,8 +71,8 @@ def run(options: argparse.Namespace) -> int:
     if options.step == "board":
         return session.print_board(options.board, options.output)
     if options.step == "intrinsics":
-        return session.intrinsics(_arguments.fill(LensOptions, options))
-    return session.rig(_arguments.fill(RigOptions, options))
+        return session.intrinsics(_arguments.fill(session.LensOptions, options))
+    return session.rig(_arguments.fill(session.RigOptions, options))
 
 
 def _session(files: list[str]) -> TrackingSession:

@@ -14,10 +14,6 @@ from vsense.config.placement import settle
 from vsense.config.resources import EXPOSURE_RANGE_US, GAIN_RANGE, RATES_HZ, SIDES_PX
 from vsense.config.specs import LINES_PORT, Stage
 from vsense.tools.camera_setup import files, node, shooting, showing, tuning
-from vsense.tools.camera_setup.node import NodeOptions
-from vsense.tools.camera_setup.shooting import ShootOptions
-from vsense.tools.camera_setup.showing import ShowOptions
-from vsense.tools.camera_setup.tuning import SPEED_M_S, TuneOptions
 from vsense.vision.cameras.source import Controls
 
 DESCRIPTION = "What is plugged in: GigE Vision, USB3 Vision, V4L2."
@@ -60,7 +56,7 @@ def _add_tune(parser: argparse.ArgumentParser) -> None:
     _add_json(parser)
     group = parser.add_argument_group("what is in the picture")
     text = "of the robots (default: 0.13, an e-puck's maximum)"
-    _arguments.option(group, "--speed", _positive, "M/S", text, SPEED_M_S)
+    _arguments.option(group, "--speed", _positive, "M/S", text, tuning.SPEED_M_S)
     text = "pixels per metre at the markers (default: from the markers in the picture)"
     _arguments.option(group, "--px-per-m", _positive, "PX", text)
     _arguments.option(group, "--focal-px", _positive, "PX", "or: focal length, with --height-m")
@@ -186,12 +182,14 @@ def run(options: argparse.Namespace) -> int:
     """Runs an action."""
     actions = {
         "list": lambda: files.list_cameras(options.json),
-        "show": lambda: showing.run(_asked(ShowOptions, options, web=_arguments.web_of(options))),
-        "tune": lambda: tuning.run(_asked(TuneOptions, options)),
+        "show": lambda: showing.run(
+            _asked(showing.ShowOptions, options, web=_arguments.web_of(options))
+        ),
+        "tune": lambda: tuning.run(_asked(tuning.TuneOptions, options)),
         "init": lambda: files.init(options.directory, options.force),
-        "shoot": lambda: shooting.run(_arguments.fill(ShootOptions, options)),
+        "shoot": lambda: shooting.run(_arguments.fill(shooting.ShootOptions, options)),
         "pretend": lambda: _pretend(options),
-        "node": lambda: node.run(_arguments.fill(NodeOptions, options)),
+        "node": lambda: node.run(_arguments.fill(node.NodeOptions, options)),
     }
     try:
         return actions[options.command]()

@@ -10,7 +10,6 @@ from typing import Any
 from vsense.commands import _arguments, _experiments, _hardware
 from vsense.config.specs import Stage
 from vsense.modes.lab import experiment
-from vsense.modes.lab.experiment import LabOptions
 from vsense.modes.lab.hardware import BASES, EmulatedLab
 
 DESCRIPTION = (
@@ -78,7 +77,7 @@ def run(options: argparse.Namespace) -> int:
     absent = ("host", "key", "tracking", "tracker", "other_programs", "link_check")
     staged = _experiments.staged_of(options, *absent)
     given = {"experiment": asked, "lab": lab_of(options), **staged}
-    return experiment.run(_arguments.fill(LabOptions, options, **given))
+    return experiment.run(_arguments.fill(experiment.LabOptions, options, **given))
 
 
 def lab_of(options: argparse.Namespace) -> EmulatedLab:

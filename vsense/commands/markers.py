@@ -13,7 +13,6 @@ from vsense.base.terminal import Console, drop_output, print_data
 from vsense.commands import _arguments
 from vsense.config import roster
 from vsense.tools.camera_setup import photographs
-from vsense.tools.camera_setup.photographs import FindOptions
 from vsense.vision.markers import sheet
 from vsense.vision.markers.families import confusion, load_family
 from vsense.vision.markers.sheet import SheetOptions
@@ -85,7 +84,7 @@ def run(options: argparse.Namespace) -> int:
     if options.action is None:
         return _print(options)
     try:
-        return photographs.run(_arguments.fill(FindOptions, options))
+        return photographs.run(_arguments.fill(photographs.FindOptions, options))
     except BrokenPipeError:
         drop_output()
         return 0

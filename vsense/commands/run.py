@@ -8,7 +8,6 @@ from pathlib import Path
 from vsense.commands import _arguments, _experiments, _hardware
 from vsense.config.specs import LINES_PORT, Stage
 from vsense.modes.live import experiment
-from vsense.modes.live.experiment import RealOptions
 
 DESCRIPTION = (
     "Runs an experiment with real robots. The arena state comes from cameras of your own"
@@ -90,4 +89,6 @@ def run(options: argparse.Namespace) -> int:
         return 0
     given = {"experiment": asked} | _experiments.staged_of(options)
     markers = _hardware.markers_of(options)
-    return experiment.run(_arguments.fill(RealOptions, options, **given, markers=markers))
+    return experiment.run(
+        _arguments.fill(experiment.RealOptions, options, **given, markers=markers)
+    )

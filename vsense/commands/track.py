@@ -7,7 +7,6 @@ from pathlib import Path
 
 from vsense.commands import _arguments, _experiments, _hardware, _rosters
 from vsense.modes.live import track
-from vsense.modes.live.track import TrackOptions
 
 DESCRIPTION = (
     "Finds and follows every robot in the pictures of cameras or recordings, and prints one arena"
@@ -51,4 +50,4 @@ def run(options: argparse.Namespace) -> int:
     """Tracks; see `vsense.modes.live.track.run`."""
     doors = _experiments.doors_of(options)
     markers = _hardware.markers_of(options)
-    return track.run(_arguments.fill(TrackOptions, options, **doors, markers=markers))
+    return track.run(_arguments.fill(track.TrackOptions, options, **doors, markers=markers))
