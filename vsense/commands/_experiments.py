@@ -248,11 +248,16 @@ def _add_home(group: Any) -> None:
     _arguments.option(group, "--battery", volts, "VOLTS", text, 0.0)
 
 
-def room_of(options: argparse.Namespace) -> RoomOptions:
-    """Returns what `add_room` declares; raises as `RoomOptions.check`, before anything is built."""
+def room_of(options: argparse.Namespace, *absent: str) -> RoomOptions:
+    """Returns what `add_room` declares; raises as `RoomOptions.check`, before anything is built.
+
+    `absent`: as in `fill`.
+    """
     from vsense.monitor.ui.room import RoomOptions
 
-    room = _arguments.fill(RoomOptions, options, **doors_of(options), series=None, tokens=None)
+    room = _arguments.fill(
+        RoomOptions, options, *absent, **doors_of(options), series=None, tokens=None
+    )
     room.check()
     return room
 

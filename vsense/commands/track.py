@@ -48,6 +48,5 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Tracks; see `vsense.modes.live.track.run`."""
-    doors = _experiments.doors_of(options)
-    markers = _hardware.markers_of(options)
-    return track.run(_arguments.fill(track.TrackOptions, options, **doors, markers=markers))
+    room, markers = _experiments.room_of(options, "runs", "locked"), _hardware.markers_of(options)
+    return track.run(_arguments.fill(track.TrackOptions, options, room=room, markers=markers))
