@@ -11,6 +11,7 @@ from typing import NamedTuple, Protocol
 from vsense.base.arena import ArenaState, Frame
 from vsense.base.clock import host_ns
 from vsense.base.errors import GrabberError, NoMorePictures
+from vsense.base.terminal import counted
 from vsense.config import tracking_session
 from vsense.config.specs import Experiment, JsonLinesTracker, MocapTracker, TrackerAddress
 from vsense.modes.live.opening import require_source
@@ -182,8 +183,7 @@ def _own_cameras(
     session = replace(session, offsets=experiment.markers)
     _check_roster(experiment, session)
     tracking = open_tracking(session, clock, say, experiment.timestep_ns / 1e9)
-    count = len(session.views)
-    cameras = f"{count} camera{'s' if count > 1 else ''} of {Path(session.file).name}"
+    cameras = f"{counted(len(session.views), 'camera')} of {Path(session.file).name}"
     kind = "cameras" if session.is_live else "recording"
     name = cameras if session.is_live else f"recordings of {cameras}"
     own = OwnCameras(session, tracking)

@@ -18,7 +18,7 @@ from pathlib import Path
 from vsense.base.arena import Frame, Image
 from vsense.base.clock import host_ns
 from vsense.base.errors import GrabberError, UsageError, VsenseError, failing_as
-from vsense.base.terminal import Console, interruption, print_data
+from vsense.base.terminal import Console, counted, interruption, print_data
 from vsense.config import resources as resources_file
 from vsense.tools.camera_setup.showing import save_picture
 from vsense.vision.calibration.board import Board, CornerFinder
@@ -326,8 +326,7 @@ def _end(shoot: ShootingSession, options: ShootOptions, console: Console) -> Non
         console.say("vsense: no picture was taken")
         return
     floor = " --floor 'floor_*'" if any(n.startswith(FLOOR_MOMENT) for n in shoot.moments) else ""
-    count = len(shoot.moments)
-    moments = f"{count} moment{'' if count == 1 else 's'}"
+    moments = counted(len(shoot.moments), "moment")
     console.say(f"{moments} in {options.output}. What comes next:")
     board = options.board or "BOARD"
     console.say(
