@@ -335,10 +335,8 @@ def next_timestep(tracking: CameraTracking) -> tuple[ArenaState, Sequence[Frame]
     return tracking.next(PICTURE_POLL_S)
 
 
-def timesteps(
-    tracking: CameraTracking, interrupted: threading.Event, most: int | None = None
-) -> Timesteps:
-    """Tracks until `interrupted` (within `PICTURE_POLL_S`), a recording ends or `most` are done.
+def timesteps(tracking: CameraTracking, interrupted: threading.Event) -> Timesteps:
+    """Tracks until `interrupted` (within `PICTURE_POLL_S`) or a recording ends.
 
     Yields each state with its pictures.
 
@@ -346,17 +344,17 @@ def timesteps(
         GrabberError: cameras gave nothing at the beginning.
         VsenseError: the tracker has failed.
     """
-    begun_ns, done = host_ns(), 0
-    while not interrupted.is_set() and done != most:
+    begun_ns, came = host_ns(), False
+    while not interrupted.is_set():
         try:
             state, frames = next_timestep(tracking)
         except NoMorePictures:
             return
         except GrabberError:
-            if not done and host_ns() - begun_ns > FIRST_PICTURE_NS:
+            if not came and host_ns() - begun_ns > FIRST_PICTURE_NS:
                 raise
             continue
-        done += 1
+        came = True
         yield state, frames
 
 
