@@ -10,13 +10,11 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
+from typing import Any, NoReturn, TypeVar
 
 from vsense.base.errors import UsageError
+from vsense.monitor.ui.access import WebAddress
 from vsense.robots.sources import CodeOptions
-
-if TYPE_CHECKING:
-    from vsense.monitor.ui.access import WebAddress
 
 Options = TypeVar("Options")
 Kind = Callable[[str], object]
@@ -309,8 +307,6 @@ def web_of(options: argparse.Namespace) -> WebAddress | None:
         raise UsageError("--web-key is the key of a certificate: give that with --web-cert")
     if options.web is None:
         return None
-    from vsense.monitor.ui.access import WebAddress
-
     host, port = options.web
     files = (options.web_tokens, options.web_cert, options.web_key)
     return WebAddress(host, port, *files, options.insecure)

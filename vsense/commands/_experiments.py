@@ -16,7 +16,7 @@ from vsense.base.terminal import print_data
 from vsense.commands import _arguments, _rosters
 from vsense.config.specs import Stage
 from vsense.modes.options import ExperimentOptions
-from vsense.monitor.foxglove import FOXGLOVE_PORT
+from vsense.monitor.ui.access import FoxgloveAddress
 
 if TYPE_CHECKING:
     from vsense.monitor.ui.room import RoomOptions
@@ -119,14 +119,15 @@ def add_legacy_port(parser: argparse.ArgumentParser) -> None:
 
 def add_foxglove(parser: argparse.ArgumentParser) -> None:
     """Declares that Foxglove is served."""
+    usual = FoxgloveAddress()
     parser.add_argument_group("Foxglove").add_argument(
         "--foxglove",
-        type=_arguments.address,
+        type=lambda text: FoxgloveAddress(*_arguments.address(text)),
         nargs="?",
-        const=("127.0.0.1", FOXGLOVE_PORT),
+        const=usual,
         metavar="[ADDRESS:]PORT",
         help="serve the same to Foxglove, to look only and on this machine only (default port:"
-        f" {FOXGLOVE_PORT}); with an address such as 0.0.0.0:{FOXGLOVE_PORT} any machine that"
+        f" {usual.port}); with an address such as 0.0.0.0:{usual.port} any machine that"
         " reaches it can look: there are no tokens",
     )
 
@@ -177,12 +178,7 @@ def add_doors(
 
 def doors_of(options: argparse.Namespace) -> dict[str, Any]:
     """Returns what `add_doors` declares: where each is, None: nowhere; raises UsageError."""
-    foxglove = options.foxglove
-    if foxglove is not None:
-        from vsense.monitor.ui.access import FoxgloveAddress
-
-        foxglove = FoxgloveAddress(*foxglove)
-    doors = {"web": _arguments.web_of(options), "foxglove": foxglove}
+    doors = {"web": _arguments.web_of(options), "foxglove": options.foxglove}
     return doors | {"ros2": _ros2_of(options)} if "ros2" in options else doors
 
 
