@@ -12,7 +12,7 @@ from vsense.base.errors import UsageError
 from vsense.base.terminal import Console, print_data
 from vsense.commands import _arguments, _experiments, report, sim
 from vsense.studies.report import lacking
-from vsense.studies.series.compare import EXIT_CODES, MOST_PAIRS, compare
+from vsense.studies.series.compare import MOST_PAIRS, compare
 
 DESCRIPTION = (
     "Says whether a swarm still does as well as before: simulates an old and a new controller with"
@@ -77,7 +77,7 @@ def trials_of(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Compares; `EXIT_CODES`, or 130 after Ctrl-C, 143 after SIGTERM."""
+    """Compares; `Comparison.exit_code`, or 130 after Ctrl-C, 143 after SIGTERM."""
     answer = compare(
         options.old,
         options.new,
@@ -91,7 +91,7 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print_data(json.dumps(answer.facts(), indent=2))
     Console().say(str(answer))
-    return EXIT_CODES[answer.verdict]
+    return answer.exit_code
 
 
 def say_files(table: Path, picture: Path | None) -> None:

@@ -23,7 +23,7 @@ from vsense.base.message_bus import Message
 from vsense.config.specs import Experiment
 from vsense.modes.sim._paced import ANSWER, SLOWEST, TOLD, UNLIMITED_SPEED
 from vsense.modes.sim.outcome import Task
-from vsense.modes.sim.watch import CHECK_PERIOD_S, HANG_MAX_S, Show, WorkerProcess, watch
+from vsense.modes.sim.watch import CHECK_PERIOD_S, Show, WorkerProcess, watch
 from vsense.monitor import recording
 from vsense.monitor.recording.form import Data, RunMessage
 from vsense.monitor.ui.recorders import OFF
@@ -310,7 +310,7 @@ class WatchedRuns:
         self._asked_s, self._stopped, self.failure = None, False, None
         try:
             jobs = [(task, task.job.to_line())]
-            ((_, answer),) = watch(jobs, [worker], self, show, HANG_MAX_S)
+            ((_, answer),) = watch(jobs, [worker], self, show)
             result = task.result(answer)
         except (Interrupted, VsenseError) as error:
             self.failure = error if isinstance(error, VsenseError) else None
