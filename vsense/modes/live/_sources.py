@@ -217,15 +217,8 @@ def _check_roster(experiment: Experiment, session: TrackingSession) -> None:
 def _original(
     experiment: Experiment, tracker: TrackerAddress, say: Callable[[str], None]
 ) -> SteadySource:
-    client = ArenaClient(
-        tracker.host,
-        tracker.port,
-        _tags(experiment),
-        say,
-        round(tracker.latency_s * 1e9),
-        tracker.origin_m,
-        host_ns,
-    )
+    whom, latency_ns = (tracker.host, tracker.port), round(tracker.latency_s * 1e9)
+    client = ArenaClient(*whom, _tags(experiment), say, latency_ns, tracker.origin_m)
 
     def figures() -> dict[str, int]:
         reconnects = max(client.connections - 1, 0)
@@ -244,7 +237,7 @@ def _original(
 def _lines(
     experiment: Experiment, tracker: JsonLinesTracker, say: Callable[[str], None]
 ) -> SteadySource:
-    listener = ArenaListener(tracker.host, tracker.port, _tags(experiment), say, host_ns)
+    listener = ArenaListener(tracker.host, tracker.port, _tags(experiment), say)
     name, doubt = f"a tracker that writes lines to {tracker.host}, port {listener.port}", ""
     if not is_loopback(tracker.host):
         doubt = f"port {listener.port} on {tracker.host}: any program there moves every robot"
@@ -274,7 +267,7 @@ def _mocap(
             raise experiment.error(tracker.line, words)
     named = {str(tag): tag for tag in tags.values()} | dict(tags)
     system = replace(system, bodies=system.bodies or named)
-    listener = MocapListener(system, _tags(experiment), say, host_ns)
+    listener = MocapListener(system, _tags(experiment), say)
     name, doubt = f"motion capture, {listener.name}", ""
     if not is_loopback(system.settings["hostname"]):
         doubt = f"{name}: any program that answers in its place moves every robot"
