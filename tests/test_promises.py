@@ -195,7 +195,7 @@ NO_ROBOTS = {
     "monitor/ui/_foxglove_server": "looks whether a port is free",
     "robots/link/network": "what the others open ports with",
     "tools/doctor/checks": "looks whether a port is free",
-    "tools/camera_setup/_align_page": "camera files, before a run",
+    "tools/camera_setup/aligning": "camera files, before a run",
     "vision/cameras/_networks": "who is there, before a run",
 }
 """Modules that listen, and nothing that they hear moves a robot."""

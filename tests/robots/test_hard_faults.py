@@ -32,7 +32,7 @@ def lose_a_byte(rig: Rig, at: int, match: Callable[[bytes], bool]) -> list[bytes
     assert isinstance(link, Terminal)
 
     def faulty(now_ns: int) -> None:
-        data = os.read(link._master, 256)
+        data = os.read(link.master, 256)
         if len(data) == FRAME and not cut and match(data):
             cut.append(data)
             data = data[:at] + data[at + 1 :]

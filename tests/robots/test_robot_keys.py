@@ -156,7 +156,8 @@ def test_a_robot_that_was_away_is_renewed_by_the_next_deploy_of_anything(
     options = argparse.Namespace(key=file)
     robots = [RobotHost("root@b", {"tag": "2"}, 1)]
     plan = robot_keys.renewing(plan, options, robots)
-    robot_keys.note(options, swarm := keys.read(file), robot_keys.deploy_all(plan, robots))
+    swarm = keys.read(file)
+    robot_keys.bring(plan, options, robots)
     now = key_of(boards / "root@b")
     assert now["uid"] == before["uid"] and now["key"] != before["key"]
     assert bytes.fromhex(now["key"]) == swarm.robot_key(away, 2)

@@ -12,11 +12,10 @@ import pytest
 
 from vsense import cli
 from vsense.base import errors
-from vsense.commands.doctor import table
 from vsense.robots import sources
 from vsense.robots.link import keys
 from vsense.tools.doctor import checks
-from vsense.tools.doctor.checks import BROKEN, LACKS, OK, Finding, findings
+from vsense.tools.doctor.checks import BROKEN, LACKS, OK, Finding, findings, table
 
 
 def found(name: str) -> Finding:

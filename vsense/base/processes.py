@@ -205,6 +205,14 @@ def end(process: subprocess.Popen[Any], timeout_s: float = END_TIMEOUT_S) -> Non
         process.wait()
 
 
+def terminate(processes: Collection[subprocess.Popen[Any]]) -> None:
+    """Ends all: SIGTERM, and SIGKILL for those that do not end."""
+    for process in processes:
+        process.terminate()
+    for process in processes:
+        end(process)
+
+
 def describe_exit(returncode: int) -> str:
     """Says in words how a process ended."""
     if returncode < 0:

@@ -330,6 +330,11 @@ def shorten(names: Iterable[str]) -> str:
     return ", ".join(listed[:MAX_LISTED_NAMES]) + (f" and {more} more" if more > 0 else "")
 
 
+def counted(number: int, noun: str) -> str:
+    """So many of something: 1 run, 2 runs."""
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
 def spoken(name: str) -> str:
     """A measure's name for people; names end in their unit."""
     name = _RENAMED.get(name, name)

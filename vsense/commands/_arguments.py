@@ -4,22 +4,21 @@ that several commands share."""
 from __future__ import annotations
 
 import argparse
-import math
 import re
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
+from typing import Any, NoReturn, TypeVar
 
 from vsense.base.errors import UsageError
-from vsense.monitor.foxglove import FOXGLOVE_PORT
+from vsense.monitor.ui.access import WebAddress
 from vsense.robots.sources import CodeOptions
 
-if TYPE_CHECKING:
-    from vsense.monitor.ui.access import WebAddress
-
 Options = TypeVar("Options")
+Kind = Callable[[str], object]
+"""What reads an argument's value."""
 
 MOST_NUMBERS = 100_000
 """A range of numbers may have so many."""
@@ -39,19 +38,30 @@ def parsed(read: Callable[[str], Options]) -> Callable[[str], Options]:
     return parse
 
 
+def number(least: float, most: float, expected: str) -> Callable[[str], float]:
+    """The type of a number in a range; `expected` says which."""
+
+    def parse(text: str) -> float:
+        with suppress(ValueError):
+            if least <= (value := float(text)) <= most:
+                return value
+        raise argparse.ArgumentTypeError(f"'{text}': expected {expected}")
+
+    return parse
+
+
+def matched(pattern: str, text: str, expected: str) -> re.Match[str]:
+    """The whole of an argument's text as a pattern has it; `expected` says what that is."""
+    if match := re.fullmatch(pattern, text):
+        return match
+    raise argparse.ArgumentTypeError(f"'{text}': expected {expected}")
+
+
 def seconds(text: str) -> float:
     """A length of time in s, at least one and finite."""
-    value = _number(text, float, "a number of seconds")
+    value = read_number(text, float, "a number of seconds")
     if not 1.0 <= value <= 86_400.0:
         raise argparse.ArgumentTypeError(f"{text}: expected 1 to 86400 seconds")
-    return value
-
-
-def sim_speed(text: str) -> float:
-    """How fast a simulation goes: times real time, infinite for "max"."""
-    value = math.inf if text == "max" else _number(text, float, "a number, or max")
-    if not value >= 0.1:
-        raise argparse.ArgumentTypeError(f"{text}: expected 0.1 or more, or max")
     return value
 
 
@@ -90,13 +100,14 @@ def length_m(text: str) -> float:
 
 
 def _integer(text: str, least: int, most: int) -> int:
-    value = int(_number(text, int, "a whole number"))
+    value = int(read_number(text, int, "a whole number"))
     if not least <= value <= most:
         raise argparse.ArgumentTypeError(f"{text}: expected {least} to {most}")
     return value
 
 
-def _number(text: str, kind: type[int] | type[float], expected: str) -> float:
+def read_number(text: str, kind: type[int] | type[float], expected: str) -> float:
+    """A number of any size; `expected` says which kind."""
     try:
         return kind(text)
     except ValueError:
@@ -121,13 +132,47 @@ def flag(group: Any, name: str, text: str) -> None:
 def option(
     group: Any,
     names: str,
-    kind: Callable[[str], object],
+    kind: Kind,
     metavar: str,
     text: str,
     default: object = None,
+    required: bool = False,
 ) -> None:
     """Declares an option, of which `kind` reads the value; a space separates its `names`."""
-    group.add_argument(*names.split(), type=kind, metavar=metavar, help=text, default=default)
+    group.add_argument(
+        *names.split(), type=kind, metavar=metavar, help=text, default=default, required=required
+    )
+
+
+def repeated(
+    group: Any, name: str, kind: Kind, metavar: str, text: str, required: bool = False
+) -> None:
+    """Declares an option that may be given again: its values are a list."""
+    group.add_argument(
+        name, type=kind, action="append", default=[], metavar=metavar, help=text, required=required
+    )
+
+
+def many(group: Any, name: str, kind: Kind, metavar: str, text: str) -> None:
+    """Declares an argument or an option of one value or more."""
+    group.add_argument(name, nargs="+", type=kind, metavar=metavar, help=text)
+
+
+def choice(
+    group: Any,
+    name: str,
+    choices: Sequence[str],
+    text: str,
+    default: str | None = None,
+    required: bool = False,
+) -> None:
+    """Declares an option that takes one of some words."""
+    group.add_argument(name, choices=choices, help=text, default=default, required=required)
+
+
+def session_files(group: Any, name: str, text: str, second: str = "SESSION") -> None:
+    """Declares an option of the two files of a tracking session."""
+    group.add_argument(name, nargs=2, metavar=("RESOURCES", second), help=text)
 
 
 def add_experiment_name(parser: argparse.ArgumentParser) -> None:
@@ -179,21 +224,6 @@ def tracker(text: str) -> tuple[str, int]:
     return "" if host == "lines" else host.strip("[]"), port(number)
 
 
-_SCHEDULER = re.compile(
-    r"(?:tcp|tls)://(?:[^\s/:@\[\]]+|\[[0-9A-Fa-f:.]+(?:%[^\s\[\]]+)?\]):([0-9]{1,5})"
-)
-
-
-def scheduler(text: str) -> str:
-    """The address of a Dask scheduler, tcp://HOST:PORT or tls://HOST:PORT."""
-    match = _SCHEDULER.fullmatch(text)
-    if match is None or not 1 <= int(match[1]) <= 65_535:
-        raise argparse.ArgumentTypeError(
-            f"'{text}': expected the address of a Dask scheduler, such as tcp://192.168.1.5:8786"
-        )
-    return text
-
-
 def numbers(text: str) -> tuple[int, ...]:
     """Whole numbers and ranges of them, each number once: 1-100 or 1,2,10-12."""
     result: list[int] = []
@@ -211,11 +241,11 @@ def numbers(text: str) -> tuple[int, ...]:
     return tuple(result)
 
 
-def add_link(parser: argparse.ArgumentParser) -> None:
-    """Declares where robots connect to."""
+def add_link(parser: argparse.ArgumentParser, free: str = "") -> None:
+    """Declares where robots connect to; `free` says which port takes a free one."""
     text = "interface that robots connect to, 0.0.0.0: all (default: the file's vss_host)"
     option(parser, "--host", str, "ADDRESS", text)
-    option(parser, "--port", port, "P", "TCP and UDP port (default: the file's vss_port)")
+    option(parser, "--port", port, "P", f"TCP and UDP port{free} (default: the file's vss_port)")
 
 
 def add_tracking_files(parser: argparse.ArgumentParser, optional: bool = False) -> None:
@@ -228,30 +258,6 @@ def add_tracking_files(parser: argparse.ArgumentParser, optional: bool = False) 
     text = "the experiment file (arena_tracking): what of the resources to use"
     text += " (default: all of them, each camera with the grabber of its name)" if optional else ""
     parser.add_argument("experiment", nargs="?" if optional else None, help=text)
-
-
-def add_hold(parser: argparse.ArgumentParser, text: str) -> argparse._ArgumentGroup:
-    """Declares that runs wait for a start; gives the group of the control room's options."""
-    group = parser.add_argument_group("control room")
-    flag(group, "--hold", text)
-    return group
-
-
-def add_locked(group: Any) -> None:
-    """Declares that a page only shows the world."""
-    text = "nobody can change the world on the page while it runs: drag a light, set a noise, ..."
-    flag(group, "--locked", text)
-
-
-def add_recording(group: argparse._ArgumentGroup) -> None:
-    """Declares what is recorded."""
-    text = "record every run to an MCAP file from its beginning: about 2 MB a minute of 15 robots"
-    flag(group, "--record", text)
-    text = (
-        "recordings hold the cameras' pictures, too, unchanged: for vsense replay --retrack;"
-        " about 1.3 GB a minute of four cameras with 2 megapixels and 10 Hz"
-    )
-    flag(group, "--record-images", text)
 
 
 WEB = "127.0.0.1", 8080
@@ -291,20 +297,6 @@ def add_web(
         flag(group, "--insecure", INSECURE_PAGE)
 
 
-def add_foxglove(parser: argparse.ArgumentParser) -> None:
-    """Declares that Foxglove is served."""
-    parser.add_argument_group("Foxglove").add_argument(
-        "--foxglove",
-        type=address,
-        nargs="?",
-        const=("127.0.0.1", FOXGLOVE_PORT),
-        metavar="[ADDRESS:]PORT",
-        help="serve the same to Foxglove, to look only and on this machine only (default port:"
-        f" {FOXGLOVE_PORT}); with an address such as 0.0.0.0:{FOXGLOVE_PORT} any machine that"
-        " reaches it can look: there are no tokens",
-    )
-
-
 ONE_CAMERA = "all pictures are of this camera, whatever their folders"
 INSECURE_PAGE = "other machines may open the page with plain HTTP, in which tokens can be heard"
 
@@ -315,21 +307,9 @@ def web_of(options: argparse.Namespace) -> WebAddress | None:
         raise UsageError("--web-key is the key of a certificate: give that with --web-cert")
     if options.web is None:
         return None
-    from vsense.monitor.ui.access import WebAddress
-
     host, port = options.web
     files = (options.web_tokens, options.web_cert, options.web_key)
     return WebAddress(host, port, *files, options.insecure)
-
-
-def doors_of(options: argparse.Namespace) -> dict[str, Any]:
-    """Returns what `add_web` and `add_foxglove` declare: where both are served, None: nowhere."""
-    foxglove = options.foxglove
-    if foxglove is not None:
-        from vsense.monitor.ui.access import FoxgloveAddress
-
-        foxglove = FoxgloveAddress(*foxglove)
-    return {"web": web_of(options), "foxglove": foxglove}
 
 
 def add_action(actions: Any, name: str, text: str) -> argparse.ArgumentParser:
@@ -342,12 +322,11 @@ def add_action(actions: Any, name: str, text: str) -> argparse.ArgumentParser:
 
 def add_bases(parser: Any, bases: Sequence[str]) -> None:
     """Declares what emulated robots are based on; None: as the roster says."""
-    parser.add_argument(
-        "--base",
-        choices=bases,
-        help="what the emulated robots are based on, as in vsensed --base; mixed: one kind after"
-        f" the other (default: as the roster says, and else {bases[0]})",
+    text = (
+        "what the emulated robots are based on, as in vsensed --base; mixed: one kind after"
+        f" the other (default: as the roster says, and else {bases[0]})"
     )
+    choice(parser, "--base", bases, text)
     text = (
         "the emulated firmware stops the wheels 400 ms after the last command, as one built"
         " with firmware_bridge/fw_watchdog.h does. By default it has no watchdog, as real firmware:"
@@ -371,23 +350,17 @@ def fill(kind: type[Options], options: argparse.Namespace, *absent: str, **given
 def add_code(parser: argparse.ArgumentParser) -> None:
     """Declares where the sources of controllers for ARGoS are."""
     group = parser.add_argument_group("code for ARGoS")
-    group.add_argument(
-        "--sources",
-        action="append",
-        default=[],
-        metavar="NAME=FILE[,FILE...]",
-        help="the C++ files of a library for ARGoS, such as libfoo=controllers/foo/*.cpp; NAME may"
+    text = (
+        "the C++ files of a library for ARGoS, such as libfoo=controllers/foo/*.cpp; NAME may"
         " be a controller's label or id, too. Needed only where they are not found by themselves;"
-        " may be given again",
+        " may be given again"
     )
-    group.add_argument(
-        "--include",
-        action="append",
-        default=[],
-        metavar="FOLDER",
-        help="a folder of its headers; PREFIX=FOLDER for what is included as PREFIX/...; may be"
-        " given again",
+    repeated(group, "--sources", str, "NAME=FILE[,FILE...]", text)
+    text = (
+        "a folder of its headers; PREFIX=FOLDER for what is included as PREFIX/...; may be"
+        " given again"
     )
+    repeated(group, "--include", str, "FOLDER", text)
 
 
 def code_of(options: argparse.Namespace) -> CodeOptions:

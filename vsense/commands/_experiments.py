@@ -13,14 +13,16 @@ from typing import TYPE_CHECKING, Any
 
 from vsense.base.errors import UsageError
 from vsense.base.terminal import print_data
-from vsense.commands import _arguments, _homes, _rosters
+from vsense.commands import _arguments, _rosters
 from vsense.config.specs import Stage
 from vsense.modes.options import ExperimentOptions
+from vsense.monitor.ui.access import FoxgloveAddress
 
 if TYPE_CHECKING:
     from vsense.monitor.ui.room import RoomOptions
     from vsense.robots.link.keys import LinkTrust
 
+MOST_VOLTS = 10.0
 DEFAULT = "foraging"
 """The experiment of links and emulated robots, where none is named."""
 
@@ -62,16 +64,12 @@ def _add_run(parser: argparse.ArgumentParser) -> None:
 
 def add_settings(parser: argparse.ArgumentParser) -> None:
     """Declares `--set`, with one value per setting."""
-    parser.add_argument(
-        "--set",
-        type=_arguments.setting,
-        action="append",
-        default=[],
-        metavar="ELEMENT.ATTRIBUTE=VALUE",
-        help="a value instead of the file's; ELEMENT is an element's name or id, a controller's"
+    text = (
+        "a value instead of the file's; ELEMENT is an element's name or id, a controller's"
         " library (for its parameters), 'sensor' or 'actuator' (for all virtual ones); may be"
-        " given again",
+        " given again"
     )
+    _arguments.repeated(parser, "--set", _arguments.setting, "ELEMENT.ATTRIBUTE=VALUE", text)
 
 
 def add_trust(parser: argparse.ArgumentParser) -> None:
@@ -119,12 +117,27 @@ def add_legacy_port(parser: argparse.ArgumentParser) -> None:
     _arguments.option(parser, "--legacy-port", _arguments.port, "P", text)
 
 
+def add_foxglove(parser: argparse.ArgumentParser) -> None:
+    """Declares that Foxglove is served."""
+    usual = FoxgloveAddress()
+    parser.add_argument_group("Foxglove").add_argument(
+        "--foxglove",
+        type=lambda text: FoxgloveAddress(*_arguments.address(text)),
+        nargs="?",
+        const=usual,
+        metavar="[ADDRESS:]PORT",
+        help="serve the same to Foxglove, to look only and on this machine only (default port:"
+        f" {usual.port}); with an address such as 0.0.0.0:{usual.port} any machine that"
+        " reaches it can look: there are no tokens",
+    )
+
+
 _OF_ROS, _MOST_DOMAIN = -1, 232
 """The domain that ROS_DOMAIN_ID says; the highest that has ports.
 Source: OMG DDSI-RTPS 2.5, 9.6.2.3."""
 
 
-def add_ros2(parser: argparse.ArgumentParser) -> None:
+def _add_ros2(parser: argparse.ArgumentParser) -> None:
     """Declares that robots' poses are published for ROS 2."""
     parser.add_argument_group("ROS 2").add_argument(
         "--ros2",
@@ -137,8 +150,8 @@ def add_ros2(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def ros2_of(options: argparse.Namespace) -> int | None:
-    """Returns what `add_ros2` declares: the domain of DDS, None: none; raises UsageError."""
+def _ros2_of(options: argparse.Namespace) -> int | None:
+    """The domain of DDS, None: none; raises UsageError."""
     domain: int | None = options.ros2
     if domain != _OF_ROS:
         return domain
@@ -154,29 +167,93 @@ def _domain(text: str) -> int:
     return int(text)
 
 
+def add_doors(
+    parser: argparse.ArgumentParser, default: tuple[str, int] | None = None, insecure: bool = True
+) -> None:
+    """Declares where one looks at it: the page, as in `add_web`, Foxglove and ROS 2."""
+    _arguments.add_web(parser, default, insecure)
+    add_foxglove(parser)
+    _add_ros2(parser)
+
+
+def doors_of(options: argparse.Namespace) -> dict[str, Any]:
+    """Returns what `add_doors` declares: where each is, None: nowhere; raises UsageError."""
+    doors = {"web": _arguments.web_of(options), "foxglove": options.foxglove}
+    return doors | {"ros2": _ros2_of(options)} if "ros2" in options else doors
+
+
+def add_hold(parser: argparse.ArgumentParser, text: str) -> argparse._ArgumentGroup:
+    """Declares that runs wait for a start; gives the group of the control room's options."""
+    group = parser.add_argument_group("control room")
+    _arguments.flag(group, "--hold", text)
+    return group
+
+
+def add_locked(group: Any) -> None:
+    """Declares that a page only shows the world."""
+    text = "nobody can change the world on the page while it runs: drag a light, set a noise, ..."
+    _arguments.flag(group, "--locked", text)
+
+
+def add_recording(group: argparse._ArgumentGroup) -> None:
+    """Declares what is recorded."""
+    text = "record every run to an MCAP file from its beginning: about 2 MB a minute of 15 robots"
+    _arguments.flag(group, "--record", text)
+    text = (
+        "recordings hold the cameras' pictures, too, unchanged: for vsense replay --retrack;"
+        " about 1.3 GB a minute of four cameras with 2 megapixels and 10 Hz"
+    )
+    _arguments.flag(group, "--record-images", text)
+
+
 def add_room(parser: argparse.ArgumentParser) -> None:
     """Declares how the runs are seen, steered and kept: the control room."""
-    _arguments.add_web(parser, insecure=False)
-    _arguments.add_foxglove(parser)
-    add_ros2(parser)
-    group = _arguments.add_hold(
+    add_doors(parser, insecure=False)
+    group = add_hold(
         parser,
         "start no run by itself, but with a key, on the page or with vsense control start; after a"
         " run wait for the next one, until Ctrl-C",
     )
     text = "a series of N runs; the seed of each is the one before plus 1 (default: 1)"
     _arguments.option(group, "--runs", _arguments.positive, "N", text, 1)
-    _homes.add_home(group)
-    _arguments.add_locked(group)
-    _arguments.add_recording(group)
+    _add_home(group)
+    add_locked(group)
+    add_recording(group)
 
 
-def room_of(options: argparse.Namespace) -> RoomOptions:
-    """Returns what `add_room` declares; raises as `RoomOptions.check`, before anything is built."""
+def _add_home(group: Any) -> None:
+    """Declares where robots drive before a run, and who does not play in it."""
+    _arguments.flag(
+        group,
+        "--home",
+        "before each run the robots drive to their starts by themselves: where the file places"
+        " them, or the run's seed; robots of the same kind (controller, base) exchange places",
+    )
+    _arguments.flag(
+        group,
+        "--home-virtual-walls",
+        "as --home, and on their ways they keep clear of virtual walls, too",
+    )
+    text = (
+        "before each run: robots with less in their batteries, or whose bases say only that it"
+        " is low, are named, drive to their starts and rest there while the others run, until they"
+        " have another one, or a spare of the roster has their role from the next run on (default:"
+        " 0, no robot rests)"
+    )
+    volts = _arguments.number(0.0, MOST_VOLTS, f"0 to {MOST_VOLTS:g} V, such as 3.5")
+    _arguments.option(group, "--battery", volts, "VOLTS", text, 0.0)
+
+
+def room_of(options: argparse.Namespace, *absent: str) -> RoomOptions:
+    """Returns what `add_room` declares; raises as `RoomOptions.check`, before anything is built.
+
+    `absent`: as in `fill`.
+    """
     from vsense.monitor.ui.room import RoomOptions
 
-    doors = _arguments.doors_of(options) | {"ros2": ros2_of(options)}
-    room = _arguments.fill(RoomOptions, options, **doors, series=None, tokens=None)
+    room = _arguments.fill(
+        RoomOptions, options, *absent, **doors_of(options), series=None, tokens=None
+    )
     room.check()
     return room
 

@@ -6,7 +6,6 @@ import argparse
 import math
 import re
 from collections.abc import Callable
-from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from vsense.base.errors import UsageError
@@ -47,16 +46,12 @@ def add_robots(parser: argparse.ArgumentParser) -> None:
 
 def add_radios(parser: Any) -> None:
     """Declares which emulated robots have a Wi-Fi radio, and what it tells."""
-    parser.add_argument(
-        "--radio",
-        type=_radio,
-        action="append",
-        default=[],
-        metavar="TAG=DBM[,MBIT_S][,saves]",
-        help="robot TAG reports a Wi-Fi with this signal and bit rate, whose power saving is on"
+    text = (
+        "robot TAG reports a Wi-Fi with this signal and bit rate, whose power saving is on"
         " with saves: 23=-84,5.5,saves; no packet is lost for it; may be given again (default: no"
-        " robot has one)",
+        " robot has one)"
     )
+    _arguments.repeated(parser, "--radio", _radio, "TAG=DBM[,MBIT_S][,saves]", text)
 
 
 def radios_of(options: argparse.Namespace, experiment: Experiment) -> dict[int, EmulatedRadio]:
@@ -72,14 +67,8 @@ def radios_of(options: argparse.Namespace, experiment: Experiment) -> dict[int, 
 
 def add_faults(parser: Any) -> None:
     """Declares faults that a lab's robots have."""
-    parser.add_argument(
-        "--swap-markers",
-        type=_rosters.tag_pair,
-        action="append",
-        default=[],
-        metavar="TAG=TAG",
-        help="these two robots wear each other's markers; may be given again",
-    )
+    text = "these two robots wear each other's markers; may be given again"
+    _arguments.repeated(parser, "--swap-markers", _rosters.tag_pair, "TAG=TAG", text)
     text = "the wheels of these robots do not turn, such as 23,30"
     _arguments.option(parser, "--dead-motors", _arguments.numbers, "TAGS", text, ())
 
@@ -135,10 +124,7 @@ def _marker(text: str) -> tuple[float, float]:
 def _radio(text: str) -> tuple[int, EmulatedRadio]:
     from vsense.modes.lab.hardware import read_radio
 
-    try:
-        return read_radio(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
+    return _arguments.parsed(read_radio)(text)
 
 
 def _percent(most: int) -> Callable[[str], float]:
@@ -154,7 +140,4 @@ def _percent(most: int) -> Callable[[str], float]:
 
 def pace(text: str) -> float:
     """Reads the pace of a lab's clocks."""
-    with suppress(ValueError):
-        if 0.01 <= float(text) <= 1.0:
-            return round(float(text), 3)
-    raise argparse.ArgumentTypeError(f"'{text}': expected 0.01 to 1, such as 0.5")
+    return round(_arguments.number(0.01, 1.0, "0.01 to 1, such as 0.5")(text), 3)

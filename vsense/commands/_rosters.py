@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from vsense.base.errors import UsageError
 from vsense.commands import _arguments
 from vsense.config import roster
-from vsense.config.casting import Casting, Pair, pair
+from vsense.config.casting import Casting, pair
 from vsense.config.roster import FILE_NAME, Roster, RosterRobot
 
 if TYPE_CHECKING:
@@ -50,22 +50,11 @@ def add_casting(parser: argparse.ArgumentParser, default: str = HERE) -> None:
 
 def add_replace(parser: argparse.ArgumentParser, text: str) -> None:
     """Declares `--replace`."""
-    parser.add_argument(
-        "--replace",
-        type=tag_pair,
-        action="append",
-        default=[],
-        metavar="TAG=TAG",
-        help=f"{text}; may be given again",
-    )
+    _arguments.repeated(parser, "--replace", tag_pair, "TAG=TAG", f"{text}; may be given again")
 
 
-def tag_pair(text: str) -> Pair:
-    """Reads "23=37" as an option's value."""
-    try:
-        return pair(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
+tag_pair = _arguments.parsed(pair)
+"""Reads "23=37" as an option's value."""
 
 
 def casting_of(options: argparse.Namespace, here: bool) -> Casting:

@@ -10,7 +10,6 @@ from vsense.base.errors import UsageError
 from vsense.commands import _arguments
 from vsense.config import experiment
 from vsense.tools.camera_setup import aligning
-from vsense.tools.camera_setup.aligning import AlignOptions
 
 DESCRIPTION = (
     "`align` moves the frame of all calibrated cameras so that the experiment's arena lies between"
@@ -39,7 +38,7 @@ def run(options: argparse.Namespace) -> int:
         return aligning.undo(options.cameras)
     if options.experiment is None:
         raise UsageError("expected an experiment, whose arena it is, or --undo")
-    asked = _arguments.fill(AlignOptions, options, clicks=options.click)
+    asked = _arguments.fill(aligning.AlignOptions, options, clicks=options.click)
     return aligning.run(asked, experiment.load(options.experiment).arena.corners_m)
 
 
@@ -51,14 +50,11 @@ def _add_align(step: Any) -> None:
     )
     text = "folder with the camera files in use (default: cameras)"
     _arguments.option(step, "--cameras", Path, "DIR", text, Path("cameras"))
-    step.add_argument(
-        "--pictures",
-        type=Path,
-        nargs="+",
-        metavar="PATH",
-        help="what to drag the corners on: a folder with a folder per camera, as `vsense camera"
-        " shoot` makes it; each camera's last picture counts",
+    text = (
+        "what to drag the corners on: a folder with a folder per camera, as `vsense camera"
+        " shoot` makes it; each camera's last picture counts"
     )
+    _arguments.many(step, "--pictures", Path, "PATH", text)
     _arguments.option(step, "--camera", str, "NAME", _arguments.ONE_CAMERA)
     _arguments.option(step, "--port", _arguments.port, "P", "of the page (default: a free one)", 0)
     _add_clicks(step)
@@ -69,13 +65,8 @@ def _add_align(step: Any) -> None:
 
 def _add_clicks(step: Any) -> None:
     """Declares where the corners are, where no page says it, and which points they are."""
-    step.add_argument(
-        "--click",
-        action="append",
-        default=[],
-        metavar="CAMERA:POINT:X,Y",
-        help="without a page: a camera shows a corner at this pixel; once for each",
-    )
+    text = "without a page: a camera shows a corner at this pixel; once for each"
+    _arguments.repeated(step, "--click", str, "CAMERA:POINT:X,Y", text)
     _arguments.option(step, "--seen", Path, "CSV", "or all of them: camera,id,x_px,y_px")
     text = "other points than the corners: id,x_m,y_m in the arena and perhaps z_m"
     _arguments.option(step, "--points", Path, "CSV", text)

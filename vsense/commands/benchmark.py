@@ -29,7 +29,7 @@ DESCRIPTION = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
-    parser.add_argument("--mode", choices=MODES, default="sim", help="where (default: sim)")
+    _arguments.choice(parser, "--mode", MODES, "where (default: sim)", "sim")
     _arguments.flag(
         parser, "--dry", "only say what is measured, which runs follow, how long it takes"
     )
@@ -38,9 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     text = "with so many robots, 5 or more: comparable with results of as many"
     _arguments.option(parser, "--robots", _arguments.positive, "N", f"{text} (default: 15)")
-    parser.add_argument(
-        "--site", metavar="NAME", help="what results call this lab (default: this machine's name)"
-    )
+    text = "what results call this lab (default: this machine's name)"
+    _arguments.option(parser, "--site", str, "NAME", text)
     text = "folder of the runs and of the result (default: vsense-benchmark-1-MODE here)"
     _arguments.option(parser, "-o --output", Path, "DIR", text)
     _arguments.flag(parser, "--json", "print the result as one JSON object")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import re
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +14,6 @@ from vsense.config.experiment import load, of_folder
 from vsense.config.specs import Stage
 from vsense.modes.lab import board_studio
 from vsense.vision.calibration import checking, foreign, session
-from vsense.vision.calibration.checking import CheckOptions
-from vsense.vision.calibration.session import LensOptions, RigOptions
 from vsense.vision.tracking.specs import TrackingSession
 
 DESCRIPTION = (
@@ -66,7 +63,7 @@ def run(options: argparse.Namespace) -> int:
         if options.experiment is not None:
             arena_m = load(options.experiment, stage=Stage.LAB).arena.corners_m
         given = {"tracking": tracking, "arena_m": arena_m}
-        return checking.run(_arguments.fill(CheckOptions, options, **given))
+        return checking.run(_arguments.fill(checking.CheckOptions, options, **given))
     if options.step == "import":
         return foreign.bring_in(options.files, options.name, options.output)
     if options.step == "export":
@@ -74,8 +71,8 @@ def run(options: argparse.Namespace) -> int:
     if options.step == "board":
         return session.print_board(options.board, options.output)
     if options.step == "intrinsics":
-        return session.intrinsics(_arguments.fill(LensOptions, options))
-    return session.rig(_arguments.fill(RigOptions, options))
+        return session.intrinsics(_arguments.fill(session.LensOptions, options))
+    return session.rig(_arguments.fill(session.RigOptions, options))
 
 
 def _session(files: list[str]) -> TrackingSession:
@@ -89,9 +86,7 @@ def _add_board(steps: Any) -> None:
         "board", help="draw a board to print", description="Draws a board, true to scale."
     )
     step.add_argument("board", metavar="BOARD", help=_BOARD)
-    step.add_argument(
-        "-o", "--output", type=Path, required=True, metavar="FILE", help="file.pdf or file.png"
-    )
+    _arguments.option(step, "-o --output", Path, "FILE", "file.pdf or file.png", required=True)
 
 
 def _add_intrinsics(steps: Any) -> None:
@@ -102,13 +97,13 @@ def _add_intrinsics(steps: Any) -> None:
         " the picture and tilted by 20 to 45 degrees to each side. The poses in the camera files"
         " mean nothing until `rig` finds them.",
     )
-    step.add_argument("--board", required=True, metavar="BOARD", help=_BOARD)
+    _arguments.option(step, "--board", str, "BOARD", _BOARD, required=True)
     _add_sources(step)
 
 
 def _add_rig(steps: Any) -> None:
     step = steps.add_parser("rig", help="calibrate all cameras together", description=_RIG_STORY)
-    step.add_argument("--board", metavar="BOARD", help=_BOARD)
+    _arguments.option(step, "--board", str, "BOARD", _BOARD)
     _add_sources(step)
     text = "folder with camera files whose lenses are right already and stay as they are"
     _arguments.option(step, "--intrinsics", Path, "DIR", text)
@@ -121,12 +116,8 @@ def _add_rig(steps: Any) -> None:
 
 def _add_floor(step: argparse.ArgumentParser, board: str, whose: str) -> None:
     """Declares when a board lay on the floor, and how thick it is."""
-    step.add_argument(
-        "--floor",
-        nargs="+",
-        metavar="MOMENT",
-        help=f"moments when {board} lay on the floor: names or patterns such as 'floor_*'",
-    )
+    text = f"moments when {board} lay on the floor: names or patterns such as 'floor_*'"
+    _arguments.many(step, "--floor", str, "MOMENT", text)
     text = f"how high {whose} printed face was above the floor, such as 5mm (default: 0mm)"
     _arguments.option(step, "--thickness", _arguments.length_m, "LENGTH", text, 0.0)
 
@@ -161,13 +152,11 @@ def _add_check(steps: Any) -> None:
         "make what stands still in these pictures the cameras' references, with which later ones"
         " and every run's first pictures are compared (vsense camera calibrate rig does it itself)",
     )
-    step.add_argument(
-        "--tracking",
-        nargs="+",
-        metavar="FILE",
-        help="paint in report/legible.png where each camera shows the markers too small to be read,"
-        " and say it: resources and experiment file of vsense camera track, or their folder",
+    text = (
+        "paint in report/legible.png where each camera shows the markers too small to be read,"
+        " and say it: resources and experiment file of vsense camera track, or their folder"
     )
+    _arguments.many(step, "--tracking", str, "FILE", text)
     text = "only in its arena: a shipped experiment's name, or the path of a .argos file"
     _arguments.option(step, "--experiment", of_folder, "NAME", text)
     text = "fail (1) where a point is farther off, such as 5mm"
@@ -179,9 +168,8 @@ def _add_measured(step: argparse.ArgumentParser) -> None:
     text = "measured points: id,x_m,y_m in the arena and, where they are not on the floor, z_m"
     _arguments.option(step, "--points", Path, "CSV", text)
     _arguments.option(step, "--seen", Path, "CSV", "where they are seen: camera,id,x_px,y_px")
-    step.add_argument(
-        "--tags", metavar="DICT", help="or: ArUco or AprilTag markers lie there, such as 4X4_50"
-    )
+    text = "or: ArUco or AprilTag markers lie there, such as 4X4_50"
+    _arguments.option(step, "--tags", str, "DICT", text)
     text = "or: robots' markers are there, ids their tags, z_m their height; such as arrow4x4"
     _arguments.option(step, "--markers", str, "FAMILY", text)
     _arguments.option(
@@ -191,7 +179,7 @@ def _add_measured(step: argparse.ArgumentParser) -> None:
 
 def _add_second_board(step: argparse.ArgumentParser) -> None:
     """Declares a board on the floor that the calibration has not seen."""
-    step.add_argument("--board", metavar="BOARD", help=f"instead of points: {_BOARD}")
+    _arguments.option(step, "--board", str, "BOARD", f"instead of points: {_BOARD}")
     _add_floor(step, "that board", "its")
 
 
@@ -205,7 +193,7 @@ def _add_foreign(steps: Any) -> None:
         " camera_info YAML, caliscope's camera_array.toml. Fisheye and rational lenses are"
         " refused.",
     )
-    step.add_argument("files", type=Path, nargs="+", metavar="FILE", help=".yml, .yaml or .toml")
+    _arguments.many(step, "files", Path, "FILE", ".yml, .yaml or .toml")
     text = (
         "the camera's name, where a file has one camera (default: what the file says, or its own)"
     )
@@ -218,9 +206,8 @@ def _add_foreign(steps: Any) -> None:
         description="Writes camera files for other programs, reads them again, and says by how"
         " many px both differ. ROS's camera_info has no poses.",
     )
-    step.add_argument(
-        "--format", required=True, choices=tuple(foreign.FORMATS), help="whose files are written"
-    )
+    text = "whose files are written"
+    _arguments.choice(step, "--format", tuple(foreign.FORMATS), text, required=True)
     text = "folder with the camera files in use (default: cameras)"
     _arguments.option(step, "--cameras", Path, "DIR", text, Path("cameras"))
     _arguments.option(step, "-o --output", Path, "DIR", "folder for the files (default: .)", Path())
@@ -234,7 +221,7 @@ def _add_example(steps: Any) -> None:
         " files that a perfect calibration of them would find.",
     )
     step.add_argument("directory", type=Path, help="folder for pictures/ and truth/")
-    step.add_argument("--board", default="charuco:7x5:80mm:4X4_50", metavar="BOARD", help=_BOARD)
+    _arguments.option(step, "--board", str, "BOARD", _BOARD, "charuco:7x5:80mm:4X4_50")
     text = (
         "above its arena, as vsense camera pretend: a shipped experiment's name, or the path of a"
         " .argos file (default: above 3 m x 2.4 m)"
@@ -244,7 +231,7 @@ def _add_example(steps: Any) -> None:
 
 
 def _add_pictures(step: argparse.ArgumentParser) -> None:
-    step.add_argument("--pictures", type=Path, nargs="+", metavar="PATH", help=_PICTURES)
+    _arguments.many(step, "--pictures", Path, "PATH", _PICTURES)
     _arguments.option(step, "--camera", str, "NAME", _arguments.ONE_CAMERA)
     text = "take every N-th picture of a video (default: 1)"
     _arguments.option(step, "--every", _arguments.positive, "N", text, 1)
@@ -271,7 +258,6 @@ def _place(text: str) -> tuple[float, float, float]:
 
 
 def _size(text: str) -> tuple[int, int]:
-    match = re.fullmatch(r"([0-9]{2,5})x([0-9]{2,5})", text)
-    if match is None:
-        raise argparse.ArgumentTypeError(f"'{text}': expected width x height such as 1280x720")
+    pattern, expected = r"([0-9]{2,5})x([0-9]{2,5})", "width x height such as 1280x720"
+    match = _arguments.matched(pattern, text, expected)
     return int(match[1]), int(match[2])

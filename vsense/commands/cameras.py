@@ -14,10 +14,6 @@ from vsense.config.placement import settle
 from vsense.config.resources import EXPOSURE_RANGE_US, GAIN_RANGE, RATES_HZ, SIDES_PX
 from vsense.config.specs import LINES_PORT, Stage
 from vsense.tools.camera_setup import files, node, shooting, showing, tuning
-from vsense.tools.camera_setup.node import NodeOptions
-from vsense.tools.camera_setup.shooting import ShootOptions
-from vsense.tools.camera_setup.showing import ShowOptions
-from vsense.tools.camera_setup.tuning import SPEED_M_S, TuneOptions
 from vsense.vision.cameras.source import Controls
 
 DESCRIPTION = "What is plugged in: GigE Vision, USB3 Vision, V4L2."
@@ -50,7 +46,7 @@ def _add_show(parser: argparse.ArgumentParser) -> None:
     _add_camera(parser)
     text = "take one picture into a file (.png, .jpg, .pgm) instead of showing it in the page"
     _arguments.option(parser, "--save", Path, "FILE", text)
-    _arguments.add_web(parser, ("127.0.0.1", 8080))
+    _arguments.add_web(parser, _arguments.WEB)
 
 
 def _add_tune(parser: argparse.ArgumentParser) -> None:
@@ -60,14 +56,13 @@ def _add_tune(parser: argparse.ArgumentParser) -> None:
     _add_json(parser)
     group = parser.add_argument_group("what is in the picture")
     text = "of the robots (default: 0.13, an e-puck's maximum)"
-    _arguments.option(group, "--speed", _positive, "M/S", text, SPEED_M_S)
+    _arguments.option(group, "--speed", _positive, "M/S", text, tuning.SPEED_M_S)
     text = "pixels per metre at the markers (default: from the markers in the picture)"
     _arguments.option(group, "--px-per-m", _positive, "PX", text)
     _arguments.option(group, "--focal-px", _positive, "PX", "or: focal length, with --height-m")
     _arguments.option(group, "--height-m", _positive, "M", "from the lens down to the markers")
-    group.add_argument(
-        "--camera", metavar="ID", help="or: the calibrated camera of the resources file"
-    )
+    text = "or: the calibrated camera of the resources file"
+    _arguments.option(group, "--camera", str, "ID", text)
     text = "of the markers above the floor, for --camera (default: 0.06)"
     _arguments.option(group, "--marker-height", _positive, "M", text, 0.06)
 
@@ -81,7 +76,7 @@ def _add_init(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="where resources.xml, experiment.xml and their schemas go (default: here)",
     )
-    parser.add_argument("--force", action="store_true", help="write over files that are there")
+    _arguments.flag(parser, "--force", "write over files that are there")
 
 
 def _add_pretend(parser: argparse.ArgumentParser) -> None:
@@ -128,13 +123,8 @@ def _add_shoot(parser: argparse.ArgumentParser) -> None:
 def _add_node(parser: argparse.ArgumentParser) -> None:
     text = "the resources file of this computer: the tracker's names its grabbers"
     parser.add_argument("resources", metavar="RESOURCES", help=text)
-    parser.add_argument(
-        "--connect",
-        action="append",
-        required=True,
-        metavar="ADDRESS",
-        help="where the tracker or a router listens, such as tcp/10.0.0.2:7447 or tls/...",
-    )
+    text = "where the tracker or a router listens, such as tcp/10.0.0.2:7447 or tls/..."
+    _arguments.repeated(parser, "--connect", str, "ADDRESS", text, required=True)
     text = "as the tracker's resources file calls this node (default: this computer's name)"
     _arguments.option(parser, "--name", str, "NAME", text)
     text = "the tracker's arena, where several share a router (default: arena)"
@@ -149,11 +139,11 @@ def _add_camera(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("the camera")
     text = "take ID for a grabber of this resources file, with all its settings"
     _arguments.option(group, "--resources", str, "FILE", text)
-    group.add_argument("--exposure", type=_number, metavar="US", help="exposure time in us")
-    group.add_argument("--gain", type=_number, metavar="RAW", help="in the camera's own unit")
-    group.add_argument("--width", type=_arguments.positive, metavar="PX", help="with --height")
-    group.add_argument("--height", type=_arguments.positive, metavar="PX", help="with --width")
-    group.add_argument("--rate", type=_number, metavar="HZ", help="pictures per second")
+    _arguments.option(group, "--exposure", _number, "US", "exposure time in us")
+    _arguments.option(group, "--gain", _number, "RAW", "in the camera's own unit")
+    _arguments.option(group, "--width", _arguments.positive, "PX", "with --height")
+    _arguments.option(group, "--height", _arguments.positive, "PX", "with --width")
+    _arguments.option(group, "--rate", _number, "HZ", "pictures per second")
     text = "the markers to look for in its pictures (default: arrow4x4)"
     _arguments.option(parser, "--family", str, "NAME", text, "arrow4x4")
 
@@ -192,12 +182,14 @@ def run(options: argparse.Namespace) -> int:
     """Runs an action."""
     actions = {
         "list": lambda: files.list_cameras(options.json),
-        "show": lambda: showing.run(_asked(ShowOptions, options, web=_arguments.web_of(options))),
-        "tune": lambda: tuning.run(_asked(TuneOptions, options)),
+        "show": lambda: showing.run(
+            _asked(showing.ShowOptions, options, web=_arguments.web_of(options))
+        ),
+        "tune": lambda: tuning.run(_asked(tuning.TuneOptions, options)),
         "init": lambda: files.init(options.directory, options.force),
-        "shoot": lambda: shooting.run(_arguments.fill(ShootOptions, options)),
+        "shoot": lambda: shooting.run(_arguments.fill(shooting.ShootOptions, options)),
         "pretend": lambda: _pretend(options),
-        "node": lambda: node.run(_arguments.fill(NodeOptions, options)),
+        "node": lambda: node.run(_arguments.fill(node.NodeOptions, options)),
     }
     try:
         return actions[options.command]()

@@ -12,7 +12,7 @@ from vsense.base.errors import UsageError
 from vsense.base.terminal import Console, print_data
 from vsense.commands import _arguments, _experiments, report, sim
 from vsense.studies.report import lacking
-from vsense.studies.series.compare import EXIT_CODES, MOST_PAIRS, compare
+from vsense.studies.series.compare import MOST_PAIRS, compare
 
 DESCRIPTION = (
     "Says whether a swarm still does as well as before: simulates an old and a new controller with"
@@ -34,9 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("new", metavar="NEW", help="likewise, such as the file with your changes")
     group = parser.add_mutually_exclusive_group(required=True)
     for option, word in (("--maximize", "more"), ("--minimize", "less")):
-        group.add_argument(
-            option, metavar="MEASURE", help=f"the measure, of which {word} is better"
-        )
+        _arguments.option(group, option, str, "MEASURE", f"the measure, of which {word} is better")
     text = "so much worse is accepted: a share of the old mean, or a number (default: 10%%)"
     _arguments.option(parser, "--margin", str, "SHARE%", text, "10%")
     text = f"at most so many (default and most: {MOST_PAIRS})"
@@ -79,7 +77,7 @@ def trials_of(options: argparse.Namespace) -> dict[str, Any]:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Compares; `EXIT_CODES`, or 130 after Ctrl-C, 143 after SIGTERM."""
+    """Compares; `Comparison.exit_code`, or 130 after Ctrl-C, 143 after SIGTERM."""
     answer = compare(
         options.old,
         options.new,
@@ -93,7 +91,7 @@ def run(options: argparse.Namespace) -> int:
     if options.json:
         print_data(json.dumps(answer.facts(), indent=2))
     Console().say(str(answer))
-    return EXIT_CODES[answer.verdict]
+    return answer.exit_code
 
 
 def say_files(table: Path, picture: Path | None) -> None:

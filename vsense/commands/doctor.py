@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Sequence
 from dataclasses import asdict
 
-from vsense.base.terminal import aligned, print_data
+from vsense.base.terminal import print_data
 from vsense.commands import _arguments
-from vsense.tools.doctor.checks import BROKEN, LACKS, OK, Finding, findings, versions
+from vsense.tools.doctor.checks import BROKEN, findings, table, versions
 
 DESCRIPTION = (
     "Looks at compilers, libraries, extras, ports, socket buffers, the clock and permissions, and"
@@ -33,19 +32,3 @@ def run(options: argparse.Namespace) -> int:
         print_data(", ".join(" ".join(pair) for pair in installed.items()))
         print_data("\n".join(table(all_findings)))
     return int(any(finding.state == BROKEN for finding in all_findings))
-
-
-def table(all_findings: Sequence[Finding]) -> list[str]:
-    """The findings as lines for people: what is needed, and apart from it what is optional."""
-    rows = aligned([(finding.name, finding.text) for finding in all_findings])
-    pairs = list(zip(rows, all_findings, strict=True))
-    heads = {BROKEN: "needed, and not here:", OK: "here:", LACKS: "optional, and not here:"}
-    lines = list[str]()
-    for state, head in heads.items():
-        own = [(row, finding.mend) for row, finding in pairs if finding.state == state]
-        lines += ["", head] if own else []
-        for row, mend in own:
-            lines += [f"  {row}", *([f"      {mend}"] if mend else [])]
-    broken = sum(finding.state == BROKEN for finding in all_findings)
-    works = "vsense cannot simulate here: see above" if broken else "vsense sim and vsense lab work"
-    return [*lines, "", works]

@@ -27,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
     parser.add_argument("file", type=Path, help="the recording (.mcap), or the folder of its run")
     # Scripts say it; there is no other format.
-    parser.add_argument("--csv", action="store_true", help=argparse.SUPPRESS)
+    _arguments.flag(parser, "--csv", argparse.SUPPRESS)
     text = "folder for the tables, made if need be (default: FILE without .mcap)"
     _arguments.option(parser, "-o --output", Path, "FOLDER", text)
     text = "write the tables as Parquet, not CSV (extra tables)"
@@ -59,19 +59,21 @@ def _add_film(film: argparse._ArgumentGroup) -> None:
         " cameras (default: both, or arena where no pictures were recorded)"
     )
     _arguments.option(film, "--view", str, "VIEW", text)
+    since = "seconds since the recording's beginning, such as 12.5"
+    moment = _arguments.number(0.0, 1e9, since)
     film.add_argument(
-        "--from", dest="from_s", type=_seconds, metavar="S",
+        "--from", dest="from_s", type=moment, metavar="S",
         help="begin so many seconds after the recording's beginning (default: with the first run)",
     )  # fmt: skip
     film.add_argument(
-        "--to", dest="to_s", type=_seconds, metavar="S",
+        "--to", dest="to_s", type=moment, metavar="S",
         help="end there (default: with the first run)",
     )  # fmt: skip
-    film.add_argument(
-        "--fps", type=_rate, metavar="N",
-        help="frames per second (default: as many as timesteps pass in one, at most 30)",
-    )  # fmt: skip
-    _arguments.option(film, "--speed", _speed, "X", "times the real speed, 0.1 to 100 (default: 1)")
+    text = "frames per second (default: as many as timesteps pass in one, at most 30)"
+    rate = _arguments.number(1.0, 60.0, "frames per second, 1 to 60")
+    _arguments.option(film, "--fps", rate, "N", text)
+    speed = _arguments.number(0.1, 100.0, "a speed from 0.1 to 100")
+    _arguments.option(film, "--speed", speed, "X", "times the real speed, 0.1 to 100 (default: 1)")
     _arguments.option(film, "--size", _size, "WxH", "of the frames in pixels (default: 1280x720)")
     _arguments.option(film, "--robot", _arguments.natural, "TAG", "draw what this robot senses")
 
@@ -94,28 +96,6 @@ def run(options: argparse.Namespace) -> int:
             return interrupted.code
     print_data(json.dumps(written.facts, indent=2) if options.json else "\n".join(written.lines))
     return 0
-
-
-def _number(text: str, low: float, high: float, what: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = float("nan")
-    if not low <= value <= high:
-        raise argparse.ArgumentTypeError(f"{text!r}: expected {what}")
-    return value
-
-
-def _seconds(text: str) -> float:
-    return _number(text, 0.0, 1e9, "seconds since the recording's beginning, such as 12.5")
-
-
-def _rate(text: str) -> float:
-    return _number(text, 1.0, 60.0, "frames per second, 1 to 60")
-
-
-def _speed(text: str) -> float:
-    return _number(text, 0.1, 100.0, "a speed from 0.1 to 100")
 
 
 def _size(text: str) -> tuple[int, int]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import re
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,6 @@ from typing import Any
 from vsense.commands import _arguments, _experiments, _hardware
 from vsense.config.specs import Stage
 from vsense.modes.lab import experiment
-from vsense.modes.lab.experiment import LabOptions
 from vsense.modes.lab.hardware import BASES, EmulatedLab
 
 DESCRIPTION = (
@@ -65,9 +63,8 @@ def add_cameras(group: Any) -> None:
 
 
 def _grid(text: str) -> tuple[int, int]:
-    match = re.fullmatch(r"([1-9][0-9]?)x([1-9][0-9]?)", text)
-    if match is None:
-        raise argparse.ArgumentTypeError(f"'{text}': expected columns and rows, such as 4x4")
+    pattern, expected = r"([1-9][0-9]?)x([1-9][0-9]?)", "columns and rows, such as 4x4"
+    match = _arguments.matched(pattern, text, expected)
     return int(match[1]), int(match[2])
 
 
@@ -80,7 +77,7 @@ def run(options: argparse.Namespace) -> int:
     absent = ("host", "key", "tracking", "tracker", "other_programs", "link_check")
     staged = _experiments.staged_of(options, *absent)
     given = {"experiment": asked, "lab": lab_of(options), **staged}
-    return experiment.run(_arguments.fill(LabOptions, options, **given))
+    return experiment.run(_arguments.fill(experiment.LabOptions, options, **given))
 
 
 def lab_of(options: argparse.Namespace) -> EmulatedLab:

@@ -13,7 +13,6 @@ from vsense.base.terminal import Console, drop_output, print_data
 from vsense.commands import _arguments
 from vsense.config import roster
 from vsense.tools.camera_setup import photographs
-from vsense.tools.camera_setup.photographs import FindOptions
 from vsense.vision.markers import sheet
 from vsense.vision.markers.families import confusion, load_family
 from vsense.vision.markers.sheet import SheetOptions
@@ -38,9 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_which(parser.add_mutually_exclusive_group())
     text = "diameter of the white disc, such as 70mm (default: the family's)"
     _arguments.option(parser, "--size", _arguments.length_mm, "SIZE", text)
-    parser.add_argument(
-        "--paper", choices=("a4", "letter"), default="a4", help="paper (default: a4)"
-    )
+    _arguments.choice(parser, "--paper", ("a4", "letter"), "paper (default: a4)", "a4")
     _arguments.option(parser, "--dpi", _dpi, "N", "resolution of PNGs (default: 300)", 300)
     text = "file.pdf, or file.png; several pages become file-1.png, file-2.png, ..."
     _arguments.option(parser, "-o --output", Path, "FILE", text)
@@ -66,30 +63,20 @@ def _add_which(which: Any) -> None:
 
 
 def _add_find(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "pictures",
-        type=Path,
-        nargs="+",
-        metavar="PICTURE",
-        help="picture files, and folders of pictures; of any camera, calibrated or not",
+    text = "picture files, and folders of pictures; of any camera, calibrated or not"
+    _arguments.many(parser, "pictures", Path, "PICTURE", text)
+    text = (
+        "markers to look for: one of OpenCV's dictionaries, such as DICT_4X4_50 or"
+        " DICT_APRILTAG_36h11, a dictionary file (.yml), or a family of vsense that is no arrow"
     )
-    parser.add_argument(
-        "--family",
-        required=True,
-        metavar="NAME",
-        help="markers to look for: one of OpenCV's dictionaries, such as DICT_4X4_50 or"
-        " DICT_APRILTAG_36h11, a dictionary file (.yml), or a family of vsense that is no arrow",
-    )
-    parser.add_argument(
-        "--format",
-        choices=("jsonl", "csv"),
-        default="jsonl",
-        help="jsonl: one object per picture (default); csv: one row per marker",
-    )
+    _arguments.option(parser, "--family", str, "NAME", text, required=True)
+    text = "jsonl: one object per picture (default); csv: one row per marker"
+    _arguments.choice(parser, "--format", ("jsonl", "csv"), text, "jsonl")
     text = "write each picture there as PNG, with what was found drawn in"
     _arguments.option(parser, "--draw", Path, "DIR", text)
     text = f"shortest side of a marker (default: {LEAST_SIDE_PX:g}); 20 and more is faster"
-    _arguments.option(parser, "--least-side", _side, "PX", text, LEAST_SIDE_PX)
+    side = _arguments.number(5.0, 10_000.0, "5 to 10000 pixels")
+    _arguments.option(parser, "--least-side", side, "PX", text, LEAST_SIDE_PX)
 
 
 def run(options: argparse.Namespace) -> int:
@@ -97,7 +84,7 @@ def run(options: argparse.Namespace) -> int:
     if options.action is None:
         return _print(options)
     try:
-        return photographs.run(_arguments.fill(FindOptions, options))
+        return photographs.run(_arguments.fill(photographs.FindOptions, options))
     except BrokenPipeError:
         drop_output()
         return 0
@@ -153,13 +140,3 @@ def _dpi(text: str) -> int:
     if not text.isdecimal() or not 72 <= int(text) <= 600:
         raise argparse.ArgumentTypeError(f"{text!r}: expected 72 to 600 pixels per inch")
     return int(text)
-
-
-def _side(text: str) -> float:
-    try:
-        side = float(text)
-    except ValueError:
-        side = 0.0
-    if not 5.0 <= side <= 10_000.0:
-        raise argparse.ArgumentTypeError(f"{text!r}: expected 5 to 10000 pixels")
-    return side

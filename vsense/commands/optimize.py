@@ -21,19 +21,17 @@ DESCRIPTION = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
     _arguments.add_experiment_name(parser)
-    parser.add_argument(
-        "--vary",
-        type=_arguments.setting,
-        action="append",
-        required=True,
-        metavar="ELEMENT.ATTRIBUTE=LOW..HIGH",
-        help="a setting, as in --set, and where it may lie: 0..1, in steps 0..1:0.1 or 5..20:1, by"
+    text = (
+        "a setting, as in --set, and where it may lie: 0..1, in steps 0..1:0.1 or 5..20:1, by"
         " its logarithm 0.001..1:log; or choices: a,b,c. What takes whole numbers only is given no"
-        " others. Several --vary: all together",
+        " others. Several --vary: all together"
+    )
+    _arguments.repeated(
+        parser, "--vary", _arguments.setting, "ELEMENT.ATTRIBUTE=LOW..HIGH", text, required=True
     )
     for option, word in (("--maximize", "more"), ("--minimize", "less")):
         text = f"a measure, of which {word} is better; may be given again"
-        parser.add_argument(option, action="append", default=[], metavar="MEASURE", help=text)
+        _arguments.repeated(parser, option, str, "MEASURE", text)
     text = f"runs of every trial (default: {RUNS})"
     _arguments.option(parser, "--runs", _arguments.positive, "N", text, RUNS)
     text = f"trials, with those that are there already (default: {TRIALS})"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import re
 from pathlib import Path
 
 from vsense.base.errors import UsageError
@@ -30,13 +29,8 @@ _UNMASKED = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
-    parser.add_argument(
-        "runs",
-        type=Path,
-        nargs="+",
-        metavar="RUNS",
-        help="the folder of a series or of runs, or a table of runs (.csv)",
-    )
+    text = "the folder of a series or of runs, or a table of runs (.csv)"
+    _arguments.many(parser, "runs", Path, "RUNS", text)
     text = "the package, a new file (default: as the first RUNS, with .zip)"
     _arguments.option(parser, "-o --output", Path, "FILE", text)
     _arguments.flag(parser, "--pictures", _PICTURES)
@@ -46,14 +40,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("what is said of it")
     _arguments.option(group, "--name", str, "TEXT", "its title (default: the names of its runs)")
     _arguments.option(group, "--about", str, "TEXT", "what it is, in a few sentences")
-    group.add_argument(
-        "--author",
-        type=_arguments.parsed(PackOptions.author),
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="who made it: 'NAME' or 'NAME <ORCID iD>'; several: repeat it",
-    )
+    text = "who made it: 'NAME' or 'NAME <ORCID iD>'; several: repeat it"
+    _arguments.repeated(group, "--author", _arguments.parsed(PackOptions.author), "NAME", text)
     licence = _arguments.parsed(PackOptions.license_of)
     text = "its licence: a name such as CC-BY-4.0, or an address"
     _arguments.option(group, "--license", licence, "NAME", text)
@@ -92,6 +80,5 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _date(text: str) -> str:
-    if re.fullmatch(r"\d{4}-(0[1-9]|1[0-2])-(0[1-9]|[12]\d|3[01])", text) is None:
-        raise argparse.ArgumentTypeError(f"{text!r}: expected a day such as 2026-11-24")
-    return text
+    pattern = r"\d{4}-(0[1-9]|1[0-2])-(0[1-9]|[12]\d|3[01])"
+    return _arguments.matched(pattern, text, "a day such as 2026-11-24").string

@@ -29,12 +29,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _arguments.option(
         parser, "--seed", _arguments.natural, "N", "seed of poses, ways and noise (default: 1)", 1
     )
-    parser.add_argument(
-        "--format",
-        choices=("png", "jpg", "pgm"),
-        default="png",
-        help="pictures' format: png (default), jpg (small, not exact), pgm (fast, large)",
-    )
+    text = "pictures' format: png (default), jpg (small, not exact), pgm (fast, large)"
+    _arguments.choice(parser, "--format", ("png", "jpg", "pgm"), text, "png")
 
 
 def run(options: argparse.Namespace) -> int:

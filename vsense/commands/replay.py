@@ -23,27 +23,17 @@ DESCRIPTION = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
     parser.add_argument("file", type=Path, help="the recording (.mcap), or its run's folder")
-    _arguments.add_web(parser, ("127.0.0.1", 8080))
-    _arguments.add_foxglove(parser)
-    _experiments.add_ros2(parser)
+    _experiments.add_doors(parser, _arguments.WEB)
     _arguments.option(parser, "--speed", float, "X", "times the real speed (default: 1)", 1.0)
     group = parser.add_argument_group("tracking again")
-    group.add_argument("--retrack", action="store_true", help="run the tracker again and compare")
-    group.add_argument(
-        "--set",
-        type=_arguments.setting,
-        action="append",
-        default=[],
-        metavar="GROUP.NAME=VALUE",
-        help="another setting of the tracker: limits.max_speed_m_s=0.3, plan.key_frame_period=5,"
-        " tracker.height_m=0.05, ...; may be given again",
+    _arguments.flag(group, "--retrack", "run the tracker again and compare")
+    text = (
+        "another setting of the tracker: limits.max_speed_m_s=0.3, plan.key_frame_period=5,"
+        " tracker.height_m=0.05, ...; may be given again"
     )
-    group.add_argument(
-        "--session",
-        nargs=2,
-        metavar=("RESOURCES", "EXPERIMENT"),
-        help="the settings of a tracking session's two files instead of the recorded ones",
-    )
+    _arguments.repeated(group, "--set", _arguments.setting, "GROUP.NAME=VALUE", text)
+    text = "the settings of a tracking session's two files instead of the recorded ones"
+    _arguments.session_files(group, "--session", text, "EXPERIMENT")
     world = parser.add_argument_group("sensing again")
     text = "make the virtual world again, with what people changed in it, and compare the readings"
     _arguments.flag(world, "--resense", text)
@@ -62,7 +52,7 @@ def run(options: argparse.Namespace) -> int:
 
     if options.json and not (options.retrack or options.resense):
         raise UsageError("--json belongs to --retrack and --resense")
-    doors = _arguments.doors_of(options) | {"ros2": _experiments.ros2_of(options)}
+    doors = _experiments.doors_of(options)
     wanted = _arguments.fill(ReplayOptions, options, **doors, settings=dict(options.set))
     with interruption() as interrupted:
         comparison = replay(options.file, wanted, Console(), interrupted)

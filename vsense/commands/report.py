@@ -25,28 +25,25 @@ DESCRIPTION = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
-    parser.add_argument(
-        "files",
-        type=Path,
-        nargs="+",
-        metavar="FILE",
-        help="the recordings (.mcap), or folders of runs that hold some; tables of runs (.csv), or"
-        " the folder that they are in",
+    text = (
+        "the recordings (.mcap), or folders of runs that hold some; tables of runs (.csv), or"
+        " the folder that they are in"
     )
+    _arguments.many(parser, "files", Path, "FILE", text)
     text = (
         "folder for the report, made if need be, else empty (default: FILE without .mcap and"
         " with -report; of several: report)"
     )
     _arguments.option(parser, "-o --output", Path, "FOLDER", text)
     add_charts(parser)
-    parser.add_argument("--json", action="store_true", help="print the figures as JSON")
+    _arguments.flag(parser, "--json", "print the figures as JSON")
     add_questions(parser)
 
 
 def add_charts(parser: argparse.ArgumentParser) -> None:
     """Declares how charts are drawn and kept."""
     group = parser.add_argument_group("charts")
-    group.add_argument("--format", choices=FORMATS, help="of their files (default: png)")
+    _arguments.choice(group, "--format", FORMATS, "of their files (default: png)")
     text = "a Matplotlib style sheet (.mplstyle), or the name of one; a matplotlibrc counts, too"
     _arguments.option(group, "--style", str, "FILE_OR_NAME", text)
 
@@ -67,22 +64,13 @@ def add_questions(parser: argparse.ArgumentParser) -> None:
     _arguments.option(group, "--by", _columns, "COLUMN[,COLUMN]", text)
     text = "compare all others with this one (default: each with each)"
     _arguments.option(group, "--against", str, "CONDITION", text)
-    group.add_argument(
-        "--measure",
-        action="append",
-        default=[],
-        metavar="NAME",
-        help="only this measure, named before anybody has looked; several: repeat it",
+    text = "only this measure, named before anybody has looked; several: repeat it"
+    _arguments.repeated(group, "--measure", str, "NAME", text)
+    text = (
+        "test whether conditions are the same: whether the means of a measure differ by less"
+        " than a margin that you chose before you saw the runs"
     )
-    group.add_argument(
-        "--same",
-        type=_margin,
-        action="append",
-        default=[],
-        metavar="MEASURE=MARGIN",
-        help="test whether conditions are the same: whether the means of a measure differ by less"
-        " than a margin that you chose before you saw the runs",
-    )
+    _arguments.repeated(group, "--same", _margin, "MEASURE=MARGIN", text)
     _arguments.flag(group, "--unpaired", "take runs with the same start for independent ones")
     text = (
         f"of the bootstrap: the same runs and seed give the same page (default: {Questions().seed})"

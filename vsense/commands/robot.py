@@ -6,7 +6,7 @@ import argparse
 import json
 import os
 import tempfile
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -92,13 +92,12 @@ def _add_build(parser: argparse.ArgumentParser) -> None:
         " controller's id"
     )
     _arguments.option(what, "--experiment", of_folder, "NAME", text)
-    parser.add_argument(
-        "--target", required=True, choices=list(boards.TARGETS), help=f"kind of board. {kinds}"
-    )
+    text = f"kind of board. {kinds}"
+    _arguments.choice(parser, "--target", list(boards.TARGETS), text, required=True)
     _arguments.option(
         parser, "-o --output", Path, "FILE", "where it goes (default: vsensed)", Path("vsensed")
     )
-    parser.add_argument("--json", action="store_true", help="print what was built as JSON")
+    _arguments.flag(parser, "--json", "print what was built as JSON")
     _add_code(parser)
 
 
@@ -124,11 +123,11 @@ def _add_deploy(parser: argparse.ArgumentParser) -> None:
     text = "numeric IPv4 address of the machine that `vsense run` will run on"
     _arguments.option(parser, "--host", str, "ADDRESS", text)
     _arguments.option(parser, "--port", _arguments.port, "P", "its port (default: 4050)", 4050)
-    parser.add_argument(
-        "--base",
-        help="what turns the robots' wheels: argos:/dev/ttyS0, or a board's name, such as pipuck;"
-        " see vsensed --help",
+    text = (
+        "what turns the robots' wheels: argos:/dev/ttyS0, or a board's name, such as pipuck;"
+        " see vsensed --help"
     )
+    _arguments.option(parser, "--base", str, "BASE", text)
     _experiments.add_key(parser)
     _experiments.add_insecure(
         parser, "bring no keys: the robots obey anyone on the network", page=False
@@ -155,13 +154,11 @@ def _add_what(parser: argparse.ArgumentParser) -> None:
     _arguments.option(parser, "--experiment", of_folder, "NAME", text)
     text = f"with --experiment: {_experiments.ROBOTS}"
     _arguments.option(parser, "--robots", _arguments.positive, "N", text)
-    parser.add_argument(
-        "--target",
-        choices=list(boards.TARGETS),
-        default="epuck",
-        help="with --controller or --experiment: kind of board, as in `vsense robot build`"
-        " (default: epuck)",
+    text = (
+        "with --controller or --experiment: kind of board, as in `vsense robot build`"
+        " (default: epuck)"
     )
+    _arguments.choice(parser, "--target", list(boards.TARGETS), text, "epuck")
     text = (
         "send nothing: each robot goes back to the daemon before this one and its settings;"
         " a second time, forth again"
@@ -170,13 +167,11 @@ def _add_what(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_ways(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--service",
-        choices=["auto", "systemd", "init", "none"],
-        default="auto",
-        help="what starts it on the robots: a systemd unit, an init script, or nothing (default:"
-        " auto, by what the board has)",
+    text = (
+        "what starts it on the robots: a systemd unit, an init script, or nothing (default:"
+        " auto, by what the board has)"
     )
+    _arguments.choice(parser, "--service", ["auto", "systemd", "init", "none"], text, "auto")
     text = "have each robot look whether its base, network and clock are well (vsensed --check)"
     _arguments.flag(parser, "--check", text)
     robot_keys.add_reach(parser)
@@ -270,9 +265,7 @@ def deploy(options: argparse.Namespace) -> int:
     if options.dry:
         _deployments.say_planned(plan, robots, options.json)
         return 0
-    outcomes = robot_keys.deploy_all(plan, robots)
-    if plan.keys is not None:
-        robot_keys.note(options, plan.keys, outcomes)
+    outcomes = robot_keys.bring(plan, options, robots)
     _deployments.say(outcomes, options.json)
     return 0 if all(outcome.ok for outcome in outcomes) else 1
 
@@ -337,7 +330,14 @@ def _binaries(
             driven[board.destination] = controller
     if idle:
         _say_idle(experiment, idle, driven)
-    built = build_programs(experiment, set(driven.values()), options.target, output)
+    return built_for(experiment, driven, options.target, output)
+
+
+def built_for(
+    experiment: Experiment, driven: Mapping[str, str], target: str, output: Path
+) -> dict[str, bytes]:
+    """Builds what robots run: daemons of their controllers' ids, both by robots' destinations."""
+    built = build_programs(experiment, set(driven.values()), target, output)
     contents = {name: boards.load(program.path) for name, program in built.items()}
     return {destination: contents[name] for destination, name in driven.items()}
 

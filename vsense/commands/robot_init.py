@@ -78,13 +78,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = "add one robot of this name, with HOST where it is given"
     _arguments.option(parser, "--add", str, "NAME", text)
     _first_contact.add_arguments(parser)
-    parser.add_argument(
-        "--tracking",
-        nargs=2,
-        metavar=("RESOURCES", "SESSION"),
-        help="look with these cameras for 3 s (two files of `vsense camera track`): robots get the"
-        " tags of markers that are seen first, so put the robots that are new below them",
+    text = (
+        "look with these cameras for 3 s (two files of `vsense camera track`): robots get the"
+        " tags of markers that are seen first, so put the robots that are new below them"
     )
+    _arguments.session_files(parser, "--tracking", text)
     text = f"of the markers: other robots get those of its tags that stay apart (default: {FAMILY})"
     _arguments.option(parser, "--family", str, "NAME", text, FAMILY)
     text = "what turns the new robots' wheels, as vsensed --base, such as argos:/dev/ttyS0"

@@ -45,23 +45,28 @@ def add_reach(parser: argparse.ArgumentParser) -> None:
     add_ssh(parser)
     text = "replace it on robots that are in a running experiment, too; their wheels stop"
     _arguments.flag(parser, "--force", text)
-    parser.add_argument("--json", action="store_true", help="print the results as JSON")
+    _arguments.flag(parser, "--json", "print the results as JSON")
 
 
 def add_ssh(parser: Any) -> None:
     """Declares how robots are reached."""
-    parser.add_argument("--sudo", action="store_true", help="become root on the robots with sudo")
-    parser.add_argument(
-        "--ssh-option",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="what ssh gets with -o, such as HostKeyAlgorithms=+ssh-rsa for an old board; may"
-        " be given several times",
+    _arguments.flag(parser, "--sudo", "become root on the robots with sudo")
+    text = (
+        "what ssh gets with -o, such as HostKeyAlgorithms=+ssh-rsa for an old board; may"
+        " be given several times"
     )
+    _arguments.repeated(parser, "--ssh-option", str, "NAME=VALUE", text)
 
 
-def deploy_all(plan: Plan, robots: Sequence[RobotHost]) -> list[Outcome]:
+def bring(plan: Plan, options: argparse.Namespace, robots: Sequence[RobotHost]) -> list[Outcome]:
+    """Deploys, and notes to whom a key was brought."""
+    outcomes = _deploy(plan, robots)
+    if plan.keys is not None:
+        note(options, plan.keys, outcomes)
+    return outcomes
+
+
+def _deploy(plan: Plan, robots: Sequence[RobotHost]) -> list[Outcome]:
     """Deploys, and shows how far it is."""
     console, done = Console(), [0]
 
@@ -146,7 +151,7 @@ def _bring(options: argparse.Namespace, store: KeySource) -> list[Outcome]:
         keys=store,
         uids=key_holders.uids(key_holders.read(holders_of(options)), robots),
     )
-    return deploy_all(plan, robots)
+    return _deploy(plan, robots)
 
 
 def said_of(forgotten: Sequence[int], store: KeySource) -> list[str]:

@@ -16,8 +16,8 @@ from vsense.config.casting import Casting
 from vsense.config.experiment import first_robots, load
 from vsense.config.placement import settle
 from vsense.config.roster import Roster
-from vsense.config.specs import Experiment, Stage
-from vsense.modes.lab.hardware import BASES
+from vsense.config.specs import Stage
+from vsense.modes.lab.hardware import BASES, EmulatedLab
 from vsense.modes.live import opening
 from vsense.modes.live.opening import LinkOptions
 from vsense.modes.options import choose_seed
@@ -25,7 +25,7 @@ from vsense.monitor.ui.room import RoomOptions
 from vsense.robots.link.key_process import KeyProcess
 from vsense.robots.link.keys import LinkTrust
 from vsense.tools.robot_calibration import measuring
-from vsense.tools.robot_calibration.measuring import EmulatedSwarm, MeasuringOptions, SensorOptions
+from vsense.tools.robot_calibration.measuring import MeasuringOptions, SensorOptions
 
 _NUMBER = r"\d+(?:\.\d+)?"
 _PAIR = rf"(-?{_NUMBER}),(-?{_NUMBER})"
@@ -64,12 +64,8 @@ def add_check(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_tracking(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--tracking",
-        nargs=2,
-        metavar=("RESOURCES", "SESSION"),
-        help="the overhead cameras: these two files of `vsense camera track`",
-    )
+    text = "the overhead cameras: these two files of `vsense camera track`"
+    _arguments.session_files(parser, "--tracking", text)
 
 
 def _add_session(parser: argparse.ArgumentParser, folder: str, json_text: str) -> None:
@@ -161,7 +157,7 @@ def _measuring(options: argparse.Namespace, roster: Roster | None) -> Iterator[M
             address=(host, port),
             trust=LinkTrust(KeyProcess()) if options.lab else _experiments.trust_of(options),
             tracking=options.tracking,
-            lab=_lab_of(options, experiment) if options.lab else None,
+            lab=_lab_of(options) if options.lab else None,
             roster=roster,
             web=web,
             wait_s=options.wait,
@@ -170,9 +166,9 @@ def _measuring(options: argparse.Namespace, roster: Roster | None) -> Iterator[M
         )
 
 
-def _lab_of(options: argparse.Namespace, experiment: Experiment) -> EmulatedSwarm:
-    robots = _hardware.robots_of(options, experiment)
-    return EmulatedSwarm(robots, options.base, options.firmware_watchdog, options.pace)
+def _lab_of(options: argparse.Namespace) -> EmulatedLab:
+    robots = partial(_hardware.robots_of, options)
+    return _arguments.fill(EmulatedLab, options, "cameras", "calibrate", robots=robots)
 
 
 def _sensors(text: str) -> tuple[str, ...]:
@@ -185,7 +181,5 @@ def _sensors(text: str) -> tuple[str, ...]:
 
 
 def _point(text: str) -> tuple[float, float]:
-    match = re.fullmatch(_PAIR, text)
-    if match is None:
-        raise argparse.ArgumentTypeError(f"'{text}': expected x and y in m, such as 0.5,-0.8")
+    match = _arguments.matched(_PAIR, text, "x and y in m, such as 0.5,-0.8")
     return float(match[1]), float(match[2])

@@ -8,7 +8,6 @@ from pathlib import Path
 from vsense.commands import _arguments, _experiments, _hardware
 from vsense.config.specs import LINES_PORT, Stage
 from vsense.modes.live import experiment
-from vsense.modes.live.experiment import RealOptions
 
 DESCRIPTION = (
     "Runs an experiment with real robots. The arena state comes from cameras of your own"
@@ -51,22 +50,15 @@ def add_ends(parser: argparse.ArgumentParser, link_check: float = 0.0) -> None:
     `link_check`: their links are measured for so long [s] unless something else is said.
     """
     eyes = parser.add_mutually_exclusive_group()
-    eyes.add_argument(
-        "--tracking",
-        nargs=2,
-        metavar=("RESOURCES", "SESSION"),
-        help="track with these two files of `vsense camera track`: cameras, or recordings instead",
-    )
+    text = "track with these two files of `vsense camera track`: cameras, or recordings instead"
+    _arguments.session_files(eyes, "--tracking", text)
     text = (
         "use this tracker, whatever the file names: ADDRESS:PORT speaks the original protocol;"
         f" lines (port {LINES_PORT}) or lines:PORT is one that connects to this machine and writes"
         " lines, such as that of `vsense robot emulate`"
     )
     _arguments.option(eyes, "--tracker", _arguments.tracker, "WHERE", text)
-    text = "interface that robots connect to, 0.0.0.0: all (default: the file's vss_host)"
-    _arguments.option(parser, "--host", str, "ADDRESS", text)
-    text = "TCP and UDP port; 0 takes a free one (default: the file's vss_port)"
-    _arguments.option(parser, "--port", _arguments.port, "P", text)
+    _arguments.add_link(parser, "; 0 takes a free one")
     _experiments.add_trust(parser)
     text = (
         "take robots that run another program than the file's, and note which (default: they are"
@@ -97,4 +89,6 @@ def run(options: argparse.Namespace) -> int:
         return 0
     given = {"experiment": asked} | _experiments.staged_of(options)
     markers = _hardware.markers_of(options)
-    return experiment.run(_arguments.fill(RealOptions, options, **given, markers=markers))
+    return experiment.run(
+        _arguments.fill(experiment.RealOptions, options, **given, markers=markers)
+    )

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import math
+import re
 from pathlib import Path
 
 from vsense.base.errors import UsageError
@@ -23,14 +25,11 @@ DESCRIPTION = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declares the command's arguments."""
     _experiments.add_experiment(parser, Stage.SIM)
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        metavar="PATH",
-        help="folder of a run (default: runs/...), or a campaign's CSV file (default: results.csv)"
-        " or its picture (.png, .svg, .pdf); the other one lies beside it",
+    text = (
+        "folder of a run (default: runs/...), or a campaign's CSV file (default: results.csv)"
+        " or its picture (.png, .svg, .pdf); the other one lies beside it"
     )
+    _arguments.option(parser, "-o --output", Path, "PATH", text)
     _add_page(parser)
     _add_campaign(parser)
     report.add_charts(parser)
@@ -38,17 +37,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _add_page(parser: argparse.ArgumentParser) -> None:
     _arguments.add_web(parser)
-    _arguments.add_foxglove(parser)
+    _experiments.add_foxglove(parser)
     group = parser.add_argument_group("watching and recording")
     _arguments.option(
         group,
         "--speed",
-        _arguments.sim_speed,
+        _speed,
         "X",
         "with --web, begin at X times real time, 0.1 or more; max: as fast as it goes (default: 1)",
     )
     _arguments.flag(group, "--hold", "with --web, begin paused")
-    _arguments.add_locked(group)
+    _experiments.add_locked(group)
     _arguments.flag(
         group,
         "--record",
@@ -59,45 +58,53 @@ def _add_page(parser: argparse.ArgumentParser) -> None:
 
 def _add_campaign(parser: argparse.ArgumentParser) -> None:
     campaign = parser.add_argument_group("campaign")
-    campaign.add_argument(
-        "--runs",
-        type=_arguments.positive,
-        metavar="N",
-        help="runs of every setting, with the seeds 1 to N unless --seeds says which",
-    )
+    text = "runs of every setting, with the seeds 1 to N unless --seeds says which"
+    _arguments.option(campaign, "--runs", _arguments.positive, "N", text)
     _arguments.option(
         campaign, "--seeds", _arguments.numbers, "LIST", "their seeds, such as 1-100 or 1,2,10-12"
     )
-    campaign.add_argument(
-        "--set",
-        type=_arguments.setting,
-        action="append",
-        default=[],
-        metavar="ELEMENT.ATTRIBUTE=VALUE[,VALUE...]",
-        help="values instead of the file's, each in turn; values with commas of their own are"
+    text = (
+        "values instead of the file's, each in turn; values with commas of their own are"
         " separated by semicolons. ELEMENT is an element's name or id, a controller's library (for"
         " its parameters), 'sensor' or 'actuator' (for all virtual ones). Several --set: all"
-        " combinations",
+        " combinations"
     )
-    campaign.add_argument(
-        "-j",
-        "--jobs",
-        type=_arguments.positive,
-        metavar="N",
-        help="runs at the same time (default: one per processor)",
+    _arguments.repeated(
+        campaign, "--set", _arguments.setting, "ELEMENT.ATTRIBUTE=VALUE[,VALUE...]", text
     )
+    text = "runs at the same time (default: one per processor)"
+    _arguments.option(campaign, "-j --jobs", _arguments.positive, "N", text)
     add_on(campaign)
 
 
 def add_on(parser: argparse._ActionsContainer) -> None:
     """Declares the cluster that simulates."""
-    parser.add_argument(
-        "--on",
-        type=_arguments.scheduler,
-        metavar="tcp://HOST:PORT",
-        help="do the runs on the workers of this Dask scheduler, with the same results; they need"
-        " this vsense, a compiler, and the experiment's files in the same place",
+    text = (
+        "do the runs on the workers of this Dask scheduler, with the same results; they need"
+        " this vsense, a compiler, and the experiment's files in the same place"
     )
+    _arguments.option(parser, "--on", scheduler, "tcp://HOST:PORT", text)
+
+
+def _speed(text: str) -> float:
+    """How fast a simulation goes: times real time, infinite for "max"."""
+    value = math.inf if text == "max" else _arguments.read_number(text, float, "a number, or max")
+    if not value >= 0.1:
+        raise argparse.ArgumentTypeError(f"{text}: expected 0.1 or more, or max")
+    return value
+
+
+_SCHEDULER = r"(?:tcp|tls)://(?:[^\s/:@\[\]]+|\[[0-9A-Fa-f:.]+(?:%[^\s\[\]]+)?\]):([0-9]{1,5})"
+
+
+def scheduler(text: str) -> str:
+    """The address of a Dask scheduler, tcp://HOST:PORT or tls://HOST:PORT."""
+    match = re.fullmatch(_SCHEDULER, text)
+    if match is None or not 1 <= int(match[1]) <= 65_535:
+        raise argparse.ArgumentTypeError(
+            f"'{text}': expected the address of a Dask scheduler, such as tcp://192.168.1.5:8786"
+        )
+    return text
 
 
 def run(options: argparse.Namespace) -> int:
@@ -106,7 +113,7 @@ def run(options: argparse.Namespace) -> int:
     _check(options, sweep.seeds is not None)
     asked = _experiments.options_of(options, Stage.SIM, sweep.first)
     if sweep.seeds is None:
-        doors = _arguments.doors_of(options)
+        doors = _experiments.doors_of(options)
         single = _arguments.fill(SimOptions, options, experiment=asked, **doors)
         single.check()
         if _experiments.is_dry(options, asked):

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from vsense.commands import _arguments, _experiments, _hardware, _rosters
 from vsense.modes.live import track
-from vsense.modes.live.track import TrackOptions
 
 DESCRIPTION = (
     "Finds and follows every robot in the pictures of cameras or recordings, and prints one arena"
@@ -24,12 +23,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _arguments.add_tracking_files(parser, optional=True)
     text = "work on a recording as fast as possible, not at the pace of its pictures"
     _arguments.flag(parser, "--offline", text)
-    parser.add_argument(
-        "--format",
-        choices=("jsonl", "csv"),
-        default="jsonl",
-        help="jsonl: one object per timestep (default); csv: one row per robot and timestep",
-    )
+    text = "jsonl: one object per timestep (default); csv: one row per robot and timestep"
+    _arguments.choice(parser, "--format", ("jsonl", "csv"), text, "jsonl")
     _arguments.flag(
         parser, "--json", "print no states, but at the end the run's figures as one JSON object"
     )
@@ -42,19 +37,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     _arguments.option(parser, "-o --output", Path, "DIR", text)
     _rosters.add_roster(parser, _rosters.MARKERS)
-    _arguments.add_web(parser)
-    _arguments.add_foxglove(parser)
-    _experiments.add_ros2(parser)
-    group = _arguments.add_hold(
+    _experiments.add_doors(parser)
+    group = _experiments.add_hold(
         parser,
         "track, but begin no run by itself: a key, the page or vsense control start does; after a"
         " run wait for the next one, until Ctrl-C. A recording begins again with each run",
     )
-    _arguments.add_recording(group)
+    _experiments.add_recording(group)
 
 
 def run(options: argparse.Namespace) -> int:
     """Tracks; see `vsense.modes.live.track.run`."""
-    doors = _arguments.doors_of(options) | {"ros2": _experiments.ros2_of(options)}
-    markers = _hardware.markers_of(options)
-    return track.run(_arguments.fill(TrackOptions, options, **doors, markers=markers))
+    room, markers = _experiments.room_of(options, "runs", "locked"), _hardware.markers_of(options)
+    return track.run(_arguments.fill(track.TrackOptions, options, room=room, markers=markers))

@@ -212,7 +212,7 @@ class LoadedExperiment:
         table = self._campaign(listed("seeds", seeds), varied, output)
         engine = None if executor is None else Engine(type(executor).__name__, executor)
         with interruptible() as interrupted:
-            wanted = replace(table, jobs=jobs, on=address)
+            wanted = replace(table, how=campaign.CampaignOptions(jobs=jobs, on=address))
             campaign.run(wanted, console_of(progress), interrupted, engine)
         return RunTable(table.output)
 

@@ -40,9 +40,8 @@ from vsense.modes.lab._optics import (
     sample_times_ns,
     to_levels,
 )
-from vsense.modes.lab._renderer import CameraRenderer
+from vsense.modes.lab._renderer import CameraRenderer, SpritePainter, gather, look_of
 from vsense.modes.lab._scene import LIGHT_SWING, Scene
-from vsense.modes.lab._sprites import SpritePainter, gather, look_of
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import load_family
 from vsense.world.entities import Arena

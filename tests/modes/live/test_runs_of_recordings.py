@@ -19,6 +19,7 @@ from vsense.base.terminal import Console, Interruption
 from vsense.config import tracking_session
 from vsense.modes.live._talk import Talk
 from vsense.modes.live.track import Making, TrackingRun, TrackOptions
+from vsense.monitor.ui.room import RoomOptions
 from vsense.run.control import State
 from vsense.run.orders import Order, OrderKind
 from vsense.vision.cameras.grabber import Troubles
@@ -68,7 +69,11 @@ class Theatre:
         make_recording(folder, 1)
         self.picture = folder / "last.png"
         options = TrackOptions(
-            str(folder / "resources.xml"), None, json=True, snapshot=self.picture, hold=True
+            str(folder / "resources.xml"),
+            None,
+            json=True,
+            snapshot=self.picture,
+            room=RoomOptions(hold=True),
         )
         self.said, self.fails = io.StringIO(), fails
         console = Console(self.said)

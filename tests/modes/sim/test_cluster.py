@@ -28,7 +28,7 @@ from tests.rigs.processes import descendants
 from vsense import __version__
 from vsense.base.errors import pip_line
 from vsense.cli import main
-from vsense.commands import _arguments as arguments
+from vsense.commands import sim
 from vsense.modes.sim import engine
 
 SHORT = ("--duration", "6")
@@ -301,7 +301,7 @@ def test_no_address_of_a_scheduler(text: str, capsys) -> None:
 
 @pytest.mark.parametrize("text", ["tcp://a:1", "tls://a.b-c.de:65535", "tcp://[fe80::1%eth0]:8786"])
 def test_addresses_of_schedulers(text: str) -> None:
-    assert arguments.scheduler(text) == text
+    assert sim.scheduler(text) == text
 
 
 @pytest.mark.parametrize("what", ["Timed out", "silence for 0.3 s"])

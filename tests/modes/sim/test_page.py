@@ -23,9 +23,8 @@ from vsense.cli import main
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment
 from vsense.modes.sim._recording import SimRecorder
-from vsense.modes.sim._room import SimRoom
+from vsense.modes.sim._room import SimRoom, WatchedRuns
 from vsense.modes.sim._simulation import EPOCH_NS, MAX_TIMESTEPS, WARM_UP_TIMESTEPS, Simulation
-from vsense.modes.sim._watched import WatchedRuns
 from vsense.modes.sim._worker import simulate
 from vsense.modes.sim.job import Job, Setup
 from vsense.modes.sim.outcome import Task, libraries_of

@@ -14,8 +14,7 @@ import pytest
 
 from vsense.base.terminal import Console
 from vsense.config.experiment import load
-from vsense.modes.sim._room import SimRoom
-from vsense.modes.sim._watched import WatchedRuns
+from vsense.modes.sim._room import SimRoom, WatchedRuns
 from vsense.monitor.ui.access import WebAddress
 from vsense.monitor.ui.room import ControlRoom, RoomOptions
 from vsense.run.changes import MOST_WAITING

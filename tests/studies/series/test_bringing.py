@@ -11,7 +11,7 @@ import pytest
 
 from vsense.base.errors import UsageError
 from vsense.base.terminal import Console, Interruption
-from vsense.commands.series_robots import bringer
+from vsense.commands.series import bringer
 from vsense.config import roster
 from vsense.config.experiment import load
 from vsense.robots.deploying import Outcome, Part, Plan, RobotHost

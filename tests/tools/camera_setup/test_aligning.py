@@ -17,7 +17,7 @@ import pytest
 
 from tests.vision.calibration.ideal import ARENA, CAMERAS
 from vsense.cli import main
-from vsense.tools.camera_setup._align_page import AlignServer, AlignTask
+from vsense.tools.camera_setup.aligning import AlignServer, AlignTask
 from vsense.vision.calibration.alignment import points_of
 from vsense.vision.calibration.frame import FrameShift
 from vsense.vision.cameras.camera import Camera

@@ -13,7 +13,7 @@ from collections import deque
 from typing import Any
 
 from vsense.base.native import ffi, lib
-from vsense.modes.lab._links import NEVER_DUE_US, FirmwareKind, FirmwareProgram, Outputs
+from vsense.modes.lab._links import FirmwareKind, FirmwareProgram, Outputs, soonest
 
 LEAST_NS, MEAN_NS = 2_000_000, 4_000_000
 """Of a way through the air, and what comes on top of that in the mean."""
@@ -133,8 +133,5 @@ class Air:
             self.lost_bytes += len(packet)
 
     def _plan(self) -> None:
-        due_us = self.program.due_us()
-        dues = [due_us * 1000] if due_us != NEVER_DUE_US else []
-        if not self.broken:
-            dues += [queue[0][0] for queue in (self._to_robot, self._to_daemon) if queue]
-        self.due_ns = min(dues, default=None)
+        queues = () if self.broken else (self._to_robot, self._to_daemon)
+        self.due_ns = soonest(self.program.due_ns(), *[queue[0][0] for queue in queues if queue])

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 
 from vsense.base.native import ffi, lib
 from vsense.base.processes import python_file
-from vsense.base.shared import LabError
 from vsense.robots.build import source_tree
 from vsense.robots.inprocess import AMBIENT_RAW
 
@@ -33,7 +32,7 @@ TURNING_RAW = 18.25
 """What a gyroscope of `epuck_imu.h` reads around its z axis when the right wheel makes a step a
 second more than the left one, 53 mm away."""
 
-NEVER_DUE_US = 2**64 - 1
+_NEVER_DUE_US = 2**64 - 1
 """Due time in C of a program that waits for its host."""
 
 
@@ -124,10 +123,15 @@ class FirmwareProgram:
             )
         return done
 
-    def due_us(self) -> int:
-        """When it is due again, `NEVER_DUE_US` if it waits for its host."""
+    def due_ns(self) -> int | None:
+        """When it is due again, None: it waits for its host."""
         due: int = self._due_us(self.state)
-        return due
+        return None if due == _NEVER_DUE_US else due * 1000
+
+
+def soonest(*dues: int | None) -> int | None:
+    """The first time of those that come, None: none does."""
+    return min((due for due in dues if due is not None), default=None)
 
 
 _REQUEST = struct.Struct("<IBB")
@@ -171,18 +175,38 @@ class Link(Protocol):
     def close(self) -> None: ...
 
 
-class Terminal:
-    """A program behind a pseudo-terminal that outlives its daemons; see `Link`."""
+class PseudoTerminal:
+    """Before a program: a terminal that outlives its daemons, for a `Link`."""
 
     def __init__(self, kind: FirmwareKind) -> None:
         """Raises OSError where there are no more terminals."""
         self.program = FirmwareProgram(kind)
         self.due_ns: int | None = None
         self.sent_bytes = self.lost_bytes = 0
-        self._master, self._slave = os.openpty()
+        self.master, self._slave = os.openpty()
         tty.setraw(self._slave)
-        os.set_blocking(self._master, False)
+        os.set_blocking(self.master, False)
         self.device = os.ttyname(self._slave)
+
+    def write(self, data: bytes | memoryview) -> None:
+        """Writes what the daemon has room for, and counts."""
+        try:
+            written = os.write(self.master, data) if data else 0
+        except BlockingIOError:
+            written = 0
+        self.sent_bytes += written
+        self.lost_bytes += len(data) - written
+
+    def close(self) -> None:
+        os.close(self.master)
+        os.close(self._slave)
+
+
+class Terminal(PseudoTerminal):
+    """A program behind a serial line; see `Link`."""
+
+    def __init__(self, kind: FirmwareKind) -> None:
+        super().__init__(kind)
         self._byte_ns = kind.byte_ns
         self._receive = getattr(lib, f"{kind.prefix}_receive")
         self._transmit = getattr(lib, f"{kind.prefix}_transmit")
@@ -192,10 +216,10 @@ class Terminal:
         self._is_sending, self._hand_ns = False, 0
 
     def readable(self) -> int | None:
-        return None if self._waiting else self._master
+        return None if self._waiting else self.master
 
     def receive(self, now_ns: int) -> None:
-        self._waiting += os.read(self._master, lib.FW_LINE_CAPACITY)
+        self._waiting += os.read(self.master, lib.FW_LINE_CAPACITY)
         self._offer(now_ns)
         self._plan(now_ns)
 
@@ -212,10 +236,6 @@ class Terminal:
         uart = self.program.state.uart
         return {"overlapped_bytes": uart.overlapped, "overflowed_bytes": uart.overflowed}
 
-    def close(self) -> None:
-        os.close(self._master)
-        os.close(self._slave)
-
     def _offer(self, now_ns: int) -> None:
         """Passes on as many of the daemon's bytes as the program takes."""
         count = len(self._waiting)
@@ -227,22 +247,14 @@ class Terminal:
         count = self._transmit(
             self.program.state, self._bytes, lib.FW_LINE_CAPACITY, now_ns // 1000
         )
-        try:
-            written = os.write(self._master, ffi.buffer(self._bytes, count)) if count else 0
-        except BlockingIOError:
-            written = 0
-        self.sent_bytes += written
-        self.lost_bytes += count - written
+        self.write(ffi.buffer(self._bytes, count))
 
     def _plan(self, now_ns: int) -> None:
-        due_us = self.program.due_us()
         if not self._is_sending:
             self._hand_ns = now_ns + _FIRST_BYTES * self._byte_ns
         self._is_sending = self._sending.count > 0
-        due_ns = None if due_us == NEVER_DUE_US else due_us * 1000
-        if self._is_sending or self._waiting:
-            due_ns = self._hand_ns if due_ns is None else min(due_ns, self._hand_ns)
-        self.due_ns = due_ns
+        hand_ns = self._hand_ns if self._is_sending or self._waiting else None
+        self.due_ns = soonest(self.program.due_ns(), hand_ns)
 
 
 def _peer(daemon: socket.socket) -> bytes:
@@ -381,20 +393,5 @@ class Bus:
         self._replies = deque(reply for reply in self._replies if reply[1] is not daemon)
 
     def _plan(self) -> None:
-        due_ns = self.program.due_us() * 1000
-        if self._replies:
-            due_ns = min(due_ns, self._replies[0][0])
-        self.due_ns = None if due_ns == NEVER_DUE_US * 1000 else due_ns
-
-
-def make_link(name: str, path: Path) -> Link:
-    """Makes the link of a robot of a kind of `PROGRAMS`; on a bus its socket is at `path`.
-
-    Raises:
-        LabError: there is no such kind.
-        OSError: there are no more terminals, or there can be no such socket.
-    """
-    kind = PROGRAMS.get(name)
-    if kind is None:
-        raise LabError(f"no base {name!r} in the lab: expected one of {', '.join(PROGRAMS)}")
-    return Terminal(kind) if kind.byte_ns else Bus(kind, path)
+        reply_ns = self._replies[0][0] if self._replies else None
+        self.due_ns = soonest(self.program.due_ns(), reply_ns)

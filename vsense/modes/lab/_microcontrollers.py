@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from vsense.base.native import lib
 from vsense.base.shared import LabError, LogFile, file_errors
 from vsense.modes.lab._air import Air
-from vsense.modes.lab._links import PROGRAMS, Bus, Link, make_link
+from vsense.modes.lab._links import PROGRAMS, Bus, Link, Terminal
 from vsense.modes.lab._ros2_robot import Ros2Robot
 from vsense.modes.lab._thymio import Dongle
 from vsense.world.robot_models import EPUCK, RobotModel
@@ -225,14 +225,17 @@ class Microcontrollers:
             self._robots[descriptor] = robot
 
 
-def _link(kind: str, robot: int, folder: Path, model: RobotModel) -> Link:
-    if kind == "wifi":
-        return Air(PROGRAMS[kind], robot)
-    if kind == "thymio":
-        return Dongle(PROGRAMS[kind], model)
-    if kind == "ros2":
-        return Ros2Robot(PROGRAMS[kind], robot, folder, model)
-    return make_link(kind, folder / f"{robot}.i2c")
+def _link(name: str, robot: int, folder: Path, model: RobotModel) -> Link:
+    kind = PROGRAMS.get(name)
+    if kind is None:
+        raise LabError(f"no base {name!r} in the lab: expected one of {', '.join(PROGRAMS)}")
+    if name == "wifi":
+        return Air(kind, robot)
+    if name == "thymio":
+        return Dongle(kind, model)
+    if name == "ros2":
+        return Ros2Robot(kind, robot, folder, model)
+    return Terminal(kind) if kind.byte_ns else Bus(kind, folder / f"{robot}.i2c")
 
 
 class ActuationLog:

@@ -16,7 +16,7 @@ import numpy as np
 
 from vsense.base.errors import require
 from vsense.base.native import lib
-from vsense.modes.lab._links import NEVER_DUE_US, FirmwareKind, FirmwareProgram, Outputs
+from vsense.modes.lab._links import FirmwareKind, FirmwareProgram, Outputs, soonest
 from vsense.monitor.ros2 import dds_types
 from vsense.world.robot_models import RobotModel
 
@@ -73,10 +73,7 @@ class Ros2Robot:
             if now_ns >= self._tell_ns:
                 self._tell_ns = now_ns + TELL_NS
                 self._tell(now_ns)
-        self.due_ns = now_ns + POLL_NS
-        due_us = self.program.due_us()
-        if due_us != NEVER_DUE_US:
-            self.due_ns = min(self.due_ns, due_us * 1000)
+        self.due_ns = soonest(now_ns + POLL_NS, self.program.due_ns())
         return self.program.advance(now_ns)
 
     def faults(self) -> dict[str, int]:

@@ -19,14 +19,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.clock import pace
-from vsense.base.processes import Lifeline, describe_exit, end
+from vsense.base.processes import Lifeline, describe_exit, terminate
 from vsense.base.shared import LabError
 from vsense.config.specs import Experiment
 from vsense.modes.lab._metrics import UNKNOWN_AGE
 from vsense.modes.lab.hardware import EmulatedRadio
 from vsense.robots import build
 from vsense.robots.crashes import words_of_log
-from vsense.robots.link.keys import KeySource, robot_file, write_private
+from vsense.robots.link.keys import KeySource, daemon_options
 
 CLOCK_OFFSET_NS = 3_600_000_000_000
 """Every robot's clock is off by up to an hour ..."""
@@ -139,10 +139,8 @@ class LabSwarm:
     ) -> None:
         """Ends the daemon of the robot in a row, and starts that of another one in its part."""
         gone = self.robots.pop(row)
-        process = self._processes.pop(gone.tag, None)
-        if process is not None:
-            process.terminate()
-            end(process)
+        if gone.tag in self._processes:
+            terminate([self._processes.pop(gone.tag)])
         self._key_file(gone).unlink(missing_ok=True)
         self.start(daemon, tag, gone.name, gone.base, settings)
         self.robots.insert(row, self.robots.pop())
@@ -184,10 +182,7 @@ class LabSwarm:
 
     def end(self) -> None:
         """Ends all daemons: SIGTERM, and SIGKILL for those that do not end."""
-        for process in self._processes.values():
-            process.terminate()
-        for process in self._processes.values():
-            end(process)
+        terminate(self._processes.values())
         self._processes.clear()
         self._lifeline.close()
         for robot in self.robots:
@@ -196,20 +191,13 @@ class LabSwarm:
     def _key_file(self, robot: LabRobot) -> Path:
         return self._directory / f"{robot.tag}.key"
 
-    def _who(self, robot: LabRobot) -> list[str]:
-        """The options that say who a robot is; writes its key's file."""
-        uid = hashlib.sha256(f"vsense lab robot {robot.tag}".encode()).digest()[:16]
-        if self._keys is None:
-            return ["--uid", uid.hex(), "--insecure"]
-        file = self._key_file(robot)
-        write_private(file, robot_file(uid, self._keys.robot_key(uid)), 0o600)
-        return ["--key", str(file.resolve())]
-
     def _command(self, robot: LabRobot) -> list[str]:
+        uid = hashlib.sha256(f"vsense lab robot {robot.tag}".encode()).digest()[:16]
+        who = daemon_options(uid, self._keys, self._key_file(robot))
         return [
             str(robot.daemon),
             *("--host", self._host, "--port", str(self._port)),
-            *("--tag", str(robot.tag), "--name", robot.name, *self._who(robot)),
+            *("--tag", str(robot.tag), "--name", robot.name, *who),
             *("--base", robot.base, "--trace", str(robot.trace.resolve())),
             # This machine's own radio is no robot's.
             *("--radio", str(self.radio_file(robot.tag).resolve())),

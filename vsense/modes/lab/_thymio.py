@@ -12,11 +12,10 @@ from __future__ import annotations
 
 import os
 import struct
-import tty
 
 from vsense.base.native import lib
 from vsense.base.shared import LabError
-from vsense.modes.lab._links import NEVER_DUE_US, FirmwareKind, FirmwareProgram, Outputs
+from vsense.modes.lab._links import FirmwareKind, Outputs, PseudoTerminal, soonest
 from vsense.world.robot_models import RobotModel
 
 LIST_NODES, GET_NODE_DESCRIPTION = 0xA011, 0xA010
@@ -50,7 +49,7 @@ RING = 7
 """Its sensors: five ahead from the left, two behind."""
 
 
-class Dongle:
+class Dongle(PseudoTerminal):
     """A Thymio behind a pseudo-terminal that outlives its daemons; see `Link`.
 
     Attributes:
@@ -66,15 +65,9 @@ class Dongle:
                 f"a robot whose base is a Thymio's has {RING} proximity sensors, and the model"
                 f' {model.name!r} has {len(model.ring.places_m)}: vs:model="thymio2"'
             )
-        self.program = FirmwareProgram(kind)
-        self.due_ns: int | None = None
-        self.sent_bytes = self.lost_bytes = 0
+        super().__init__(kind)
         self.plugged = True
         self._unit_steps_s = _UNIT_M_S / model.step_m
-        self._master, self._slave = os.openpty()
-        tty.setraw(self._slave)
-        os.set_blocking(self._master, False)
-        self.device = os.ttyname(self._slave)
         self.at, total = dict[str, int](), 0
         for name, size in _SIZES.items():
             self.at[name] = total
@@ -86,10 +79,10 @@ class Dongle:
         self._targets = (0, 0)
 
     def readable(self) -> int | None:
-        return self._master
+        return self.master
 
     def receive(self, now_ns: int) -> None:
-        self._data += os.read(self._master, 4096)
+        self._data += os.read(self.master, 4096)
         while len(self._data) >= _HEAD.size:
             length, _, number = _HEAD.unpack_from(self._data)
             if len(self._data) < _HEAD.size + length:
@@ -110,17 +103,11 @@ class Dongle:
             if self._targets != self.targets:
                 self._move(now_ns)
         done = self.program.advance(now_ns)
-        due_us = self.program.due_us()
-        dues = [due_us * 1000] if due_us != NEVER_DUE_US else []
-        self.due_ns = min([*dues, *([self._timer_ns] if self._timer_ns else [])], default=None)
+        self.due_ns = soonest(self.program.due_ns(), self._timer_ns)
         return done
 
     def faults(self) -> dict[str, int]:
         return {}
-
-    def close(self) -> None:
-        os.close(self._master)
-        os.close(self._slave)
 
     @property
     def targets(self) -> tuple[int, int]:
@@ -162,13 +149,7 @@ class Dongle:
         self._say(NATIVE, _text("leds.top") + _text("?") + struct.pack("<H", 0))
 
     def _say(self, number: int, payload: bytes) -> None:
-        message = _HEAD.pack(len(payload), NODE, number) + payload
-        try:
-            written = os.write(self._master, message)
-        except BlockingIOError:
-            written = 0
-        self.sent_bytes += written
-        self.lost_bytes += len(message) - written
+        self.write(_HEAD.pack(len(payload), NODE, number) + payload)
 
     def _sense(self) -> None:
         ring, ground = self.at["prox.horizontal"], self.at["prox.ground.delta"]

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from vsense.base.arena import Floats, Image
-from vsense.base.errors import UsageError
+from vsense.base.errors import UsageError, failing_as
 from vsense.config.specs import Experiment
 from vsense.modes.lab._backdrop import FULL_DN
 from vsense.modes.lab._camera_spec import cameras_above, rig
@@ -214,7 +214,7 @@ def write(directory: Path, board_text: str, seed: int, experiment: Experiment | 
     board = Board.parse(board_text)
     cameras = rig(STUDIO_ARENA) if experiment is None else cameras_above(experiment, None)
     plan = board_plan(cameras, board, ON_FLOOR, HELD_UP, seed)
-    try:
+    with failing_as(UsageError, f"{directory}: cannot be written"):
         (directory / "truth").mkdir(parents=True, exist_ok=True)
         for camera in cameras:
             (directory / "pictures" / camera.id).mkdir(parents=True, exist_ok=True)
@@ -226,8 +226,6 @@ def write(directory: Path, board_text: str, seed: int, experiment: Experiment | 
                 path = directory / "pictures" / camera_id / f"{moment}.jpg"
                 path.write_bytes(data.tobytes())
                 count += 1
-    except OSError as error:
-        raise UsageError(f"{directory}: cannot be written: {error.strerror}") from None
     print(directory / "pictures")
     x, y, _ = plan[0][1].shift
     print(

@@ -7,6 +7,7 @@ gives the same recording.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 from typing import TextIO
 
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.arena import Frame
+from vsense.base.errors import failing_as
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment
 from vsense.modes.lab._camera_spec import LabCameraSpec, spec_for
@@ -98,16 +100,13 @@ def record(
     spec = spec or spec_for(experiment, "", seed, Path())
     recorder = PictureRecorder(directory, spec.cameras, suffix)
     heights_m = {body.tag: body.height_m for body in spec.bodies}
-    try:
+    failure = f"{directory}: cannot be written"
+    with closing(recorder), failing_as(PictureRecordingError, failure):
         trackers = one_tracker(spec.cameras, spec.family, heights_m)
         write_session_files(directory, spec.cameras, trackers)
         with (directory / TRUTH).open("w", encoding="utf-8") as truth:
             truth.write("timestep,capture_ns,tag,x_m,y_m,yaw_rad\n")
             _record(experiment, spec, recorder, truth, timesteps, progress)
-    except OSError as error:
-        raise PictureRecordingError(f"{directory}: cannot be written: {error.strerror}") from None
-    finally:
-        recorder.close()
 
 
 def _record(

@@ -14,13 +14,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 from vsense.base.clock import host_ns
-from vsense.base.processes import Lifeline, describe_exit, end
+from vsense.base.processes import Lifeline, describe_exit, terminate
 from vsense.base.terminal import Level
 from vsense.config.roster import Roster, RosterRobot, read
 from vsense.config.specs import Experiment, RobotSpec
 from vsense.robots import build
 from vsense.robots.drivers import Driver
-from vsense.robots.link.keys import KeySource, robot_file, write_private
+from vsense.robots.link.keys import KeySource, daemon_options
 
 AGAIN_NS = 2_000_000_000
 """From the start of a daemon that has ended to the next one's."""
@@ -59,7 +59,7 @@ class OwnDaemons:
         for tag in self._commands.keys() - reached.keys():
             del self._commands[tag]
             if (process := self._processes.pop(tag, None)) is not None:
-                _stop([process])
+                terminate([process])
         fresh = reached.keys() - self._commands.keys()
         programs = {c.id: c.program for c in experiment.controllers}
         for robot in experiment.robots:
@@ -90,7 +90,7 @@ class OwnDaemons:
 
     def close(self) -> None:
         """Ends all: their robots stop."""
-        _stop([*self._processes.values()])
+        terminate(self._processes.values())
         self._lifeline.close()
         self._folder.cleanup()
 
@@ -112,11 +112,8 @@ class OwnDaemons:
             settings["battery-stop-mv"] = stop_mv
         words = [word for name, value in settings.items() for word in (f"--{name}", value)]
         uid = bytes.fromhex(known.uid) if known.uid else _uid(robot.tag)
-        if self._keys is None:
-            return [str(daemon), *words, "--uid", uid.hex(), "--insecure"]
         file = Path(self._folder.name) / f"{robot.tag}.key"
-        write_private(file, robot_file(uid, self._keys.robot_key(uid)), 0o600)
-        return [str(daemon), *words, "--key", str(file)]
+        return [str(daemon), *words, *daemon_options(uid, self._keys, file)]
 
 
 def _reached(experiment: Experiment, roster: Roster) -> dict[int, RosterRobot]:
@@ -128,10 +125,3 @@ def _reached(experiment: Experiment, roster: Roster) -> dict[int, RosterRobot]:
 def _uid(tag: int) -> bytes:
     """Who a robot is that has no board, and whose roster does not say it."""
     return hashlib.sha256(f"vsense robot without a board {tag}".encode()).digest()[:16]
-
-
-def _stop(processes: list[subprocess.Popen[bytes]]) -> None:
-    for process in processes:
-        process.terminate()
-    for process in processes:
-        end(process)

@@ -11,6 +11,7 @@ from typing import NamedTuple, Protocol
 from vsense.base.arena import ArenaState, Frame
 from vsense.base.clock import host_ns
 from vsense.base.errors import GrabberError, NoMorePictures
+from vsense.base.terminal import counted
 from vsense.config import tracking_session
 from vsense.config.specs import Experiment, JsonLinesTracker, MocapTracker, TrackerAddress
 from vsense.modes.live.opening import require_source
@@ -30,8 +31,6 @@ from vsense.vision.tracking.specs import TrackingSession
 Expect = Callable[[Experiment], None]
 """Tells a source of an experiment's tags, from any thread; VsenseError: it can look for others
 only."""
-Clock = Callable[[], int]
-"""The host's monotonic clock [ns]."""
 
 
 class ClosableSource(ArenaSource, Protocol):
@@ -145,10 +144,7 @@ class SteadySource:
 
 
 def open_source(
-    experiment: Experiment,
-    tracking: tuple[str, str] | None,
-    say: Callable[[str], None],
-    clock: Clock = host_ns,
+    experiment: Experiment, tracking: tuple[str, str] | None, say: Callable[[str], None]
 ) -> SteadySource:
     """Opens what the command line or the experiment names.
 
@@ -157,7 +153,6 @@ def open_source(
         tracking: resources file and experiment file of a tracking session; None: what the
             experiment names.
         say: takes what happens to cameras and trackers.
-        clock: the host's monotonic clock [ns].
 
     Raises:
         UsageError: nothing is named.
@@ -166,24 +161,23 @@ def open_source(
     require_source(experiment, tracking)
     tracker = experiment.tracker
     if tracking is not None:
-        return _own_cameras(experiment, tracking, say, clock)
+        return _own_cameras(experiment, tracking, say)
     if isinstance(tracker, TrackerAddress):
-        return _original(experiment, tracker, say, clock)
+        return _original(experiment, tracker, say)
     assert tracker is not None
     if isinstance(tracker, MocapTracker):
-        return _mocap(experiment, tracker, say, clock)
-    return _lines(experiment, tracker, say, clock)
+        return _mocap(experiment, tracker, say)
+    return _lines(experiment, tracker, say)
 
 
 def _own_cameras(
-    experiment: Experiment, files: tuple[str, str], say: Callable[[str], None], clock: Clock
+    experiment: Experiment, files: tuple[str, str], say: Callable[[str], None]
 ) -> SteadySource:
     session = tracking_session.load(*files).within(experiment.arena.corners_m)
     session = replace(session, offsets=experiment.markers)
     _check_roster(experiment, session)
-    tracking = open_tracking(session, clock, say, experiment.timestep_ns / 1e9)
-    count = len(session.views)
-    cameras = f"{count} camera{'s' if count > 1 else ''} of {Path(session.file).name}"
+    tracking = open_tracking(session, host_ns, say, experiment.timestep_ns / 1e9)
+    cameras = f"{counted(len(session.views), 'camera')} of {Path(session.file).name}"
     kind = "cameras" if session.is_live else "recording"
     name = cameras if session.is_live else f"recordings of {cameras}"
     own = OwnCameras(session, tracking)
@@ -221,17 +215,10 @@ def _check_roster(experiment: Experiment, session: TrackingSession) -> None:
 
 
 def _original(
-    experiment: Experiment, tracker: TrackerAddress, say: Callable[[str], None], clock: Clock
+    experiment: Experiment, tracker: TrackerAddress, say: Callable[[str], None]
 ) -> SteadySource:
-    client = ArenaClient(
-        tracker.host,
-        tracker.port,
-        _tags(experiment),
-        say,
-        round(tracker.latency_s * 1e9),
-        tracker.origin_m,
-        clock,
-    )
+    whom, latency_ns = (tracker.host, tracker.port), round(tracker.latency_s * 1e9)
+    client = ArenaClient(*whom, _tags(experiment), say, latency_ns, tracker.origin_m)
 
     def figures() -> dict[str, int]:
         reconnects = max(client.connections - 1, 0)
@@ -248,9 +235,9 @@ def _original(
 
 
 def _lines(
-    experiment: Experiment, tracker: JsonLinesTracker, say: Callable[[str], None], clock: Clock
+    experiment: Experiment, tracker: JsonLinesTracker, say: Callable[[str], None]
 ) -> SteadySource:
-    listener = ArenaListener(tracker.host, tracker.port, _tags(experiment), say, clock)
+    listener = ArenaListener(tracker.host, tracker.port, _tags(experiment), say)
     name, doubt = f"a tracker that writes lines to {tracker.host}, port {listener.port}", ""
     if not is_loopback(tracker.host):
         doubt = f"port {listener.port} on {tracker.host}: any program there moves every robot"
@@ -271,7 +258,7 @@ def _listening(
 
 
 def _mocap(
-    experiment: Experiment, tracker: MocapTracker, say: Callable[[str], None], clock: Clock
+    experiment: Experiment, tracker: MocapTracker, say: Callable[[str], None]
 ) -> SteadySource:
     tags, system = experiment.tags, tracker.system
     for body, tag in system.bodies.items():
@@ -280,7 +267,7 @@ def _mocap(
             raise experiment.error(tracker.line, words)
     named = {str(tag): tag for tag in tags.values()} | dict(tags)
     system = replace(system, bodies=system.bodies or named)
-    listener = MocapListener(system, _tags(experiment), say, clock)
+    listener = MocapListener(system, _tags(experiment), say)
     name, doubt = f"motion capture, {listener.name}", ""
     if not is_loopback(system.settings["hostname"]):
         doubt = f"{name}: any program that answers in its place moves every robot"

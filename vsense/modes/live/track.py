@@ -22,7 +22,6 @@ from vsense.modes.live._runs import RunPictures, Runs, begin_recording
 from vsense.modes.live._talk import Talk, told_of
 from vsense.modes.live.track_room import TrackRoom, name_of
 from vsense.monitor.pictures import snapshot
-from vsense.monitor.ui.access import FoxgloveAddress, WebAddress
 from vsense.monitor.ui.room import ControlRoom, RoomOptions
 from vsense.run.control import BEFORE_RUN, State
 from vsense.vision.cameras.grabber import Troubles
@@ -56,12 +55,8 @@ class TrackOptions:
         json: figures at the end instead of states.
         snapshot: picture file of the last state, None: none is drawn.
         frames: timesteps of runs after which it ends, None: never.
-        hold: every run waits for a START.
-        record, record_images: every run is recorded, the latter with its pictures.
+        room: how its runs are seen, steered and kept.
         output: folder for what runs leave, None: one in `runs/` if they leave something.
-        web: where the page is served, None: nowhere.
-        foxglove: where Foxglove is served, None: nowhere.
-        ros2: domain of DDS in which ROS 2 hears of it, None: none.
         markers: by tag, where markers sit on their robots.
     """
 
@@ -72,44 +67,27 @@ class TrackOptions:
     json: bool = False
     snapshot: Path | None = None
     frames: int | None = None
-    hold: bool = False
-    record: bool = False
-    record_images: bool = False
+    room: RoomOptions = field(default_factory=RoomOptions)
     output: Path | None = None
-    web: WebAddress | None = None
-    foxglove: FoxgloveAddress | None = None
-    ros2: int | None = None
     markers: Mapping[int, PlacedMarker] = field(default_factory=dict)
-
-    @property
-    def room(self) -> RoomOptions:
-        """How its runs are seen, steered and kept."""
-        return RoomOptions(
-            self.web,
-            self.foxglove,
-            ros2=self.ros2,
-            hold=self.hold,
-            record=self.record,
-            record_images=self.record_images,
-        )
 
     @property
     def is_watched(self) -> bool:
         """Whether somebody looks on, or it is kept as it happens: pictures are dated by now."""
-        served = any(door is not None for door in (self.web, self.foxglove, self.ros2))
-        return self.hold or served or self.is_recorded
+        room = self.room
+        served = any(door is not None for door in (room.web, room.foxglove, room.ros2))
+        return room.hold or served or self.is_recorded
 
     @property
     def is_recorded(self) -> bool:
         """Whether every run is recorded."""
-        return self.record or self.record_images
+        return self.room.record or self.room.record_images
 
 
 def run(options: TrackOptions) -> int:
     """Tracks until the recording ends, `frames` are done or a run was stopped: 0; 130 after Ctrl-C,
-    143 after SIGTERM. With `hold`, or cameras in the page, it goes on after a run.
+    143 after SIGTERM. With `room.hold`, or cameras in the page, it goes on after a run.
     """
-    options.room.check()
     if options.experiment is None:
         session = tracking_session.load_whole(options.resources)
     else:
@@ -160,7 +138,7 @@ class Making:
         if options.is_watched and not session.is_live:
             pace = HELD_S
         tracking = open_tracking(session, host_ns, self.talk.say, pace, self.troubles)
-        if not options.hold:
+        if not options.room.hold:
             self.talk.expect(known_timesteps(options.frames, tracking))
         return tracking
 
@@ -184,9 +162,9 @@ class TrackingRun:
             RunPictures(lambda: begin_recording(session, talk), each_run, say),
             console,
             interrupted,
-            stays=options.hold or (options.web is not None and session.is_live),
+            stays=options.room.hold or (options.room.web is not None and session.is_live),
             folders=session.record.record_image,
-            holds=options.hold,
+            holds=options.room.hold,
             suspends=not each_run,
         )
         self._room = TrackRoom(
@@ -194,7 +172,7 @@ class TrackingRun:
             session,
             making.troubles,
             self._runs,
-            has_keys=options.hold or options.web is not None,
+            has_keys=options.room.hold or options.room.web is not None,
             dated=self._live or options.is_watched,
         )
         self._begun_ns, self._came, self._done = host_ns(), False, 0
@@ -357,10 +335,8 @@ def next_timestep(tracking: CameraTracking) -> tuple[ArenaState, Sequence[Frame]
     return tracking.next(PICTURE_POLL_S)
 
 
-def timesteps(
-    tracking: CameraTracking, interrupted: threading.Event, most: int | None = None
-) -> Timesteps:
-    """Tracks until `interrupted` (within `PICTURE_POLL_S`), a recording ends or `most` are done.
+def timesteps(tracking: CameraTracking, interrupted: threading.Event) -> Timesteps:
+    """Tracks until `interrupted` (within `PICTURE_POLL_S`) or a recording ends.
 
     Yields each state with its pictures.
 
@@ -368,17 +344,17 @@ def timesteps(
         GrabberError: cameras gave nothing at the beginning.
         VsenseError: the tracker has failed.
     """
-    begun_ns, done = host_ns(), 0
-    while not interrupted.is_set() and done != most:
+    begun_ns, came = host_ns(), False
+    while not interrupted.is_set():
         try:
             state, frames = next_timestep(tracking)
         except NoMorePictures:
             return
         except GrabberError:
-            if not done and host_ns() - begun_ns > FIRST_PICTURE_NS:
+            if not came and host_ns() - begun_ns > FIRST_PICTURE_NS:
                 raise
             continue
-        done += 1
+        came = True
         yield state, frames
 
 

@@ -193,7 +193,7 @@ class SimulationRecord:
             VsenseError: the file cannot be written.
         """
         robots = len(self.tags)
-        try:
+        with failing_as(VsenseError, f"{path}: cannot be written"):
             np.savez(
                 path,
                 time_s=self.timesteps * self._experiment.timestep_s,
@@ -204,8 +204,6 @@ class SimulationRecord:
                 object_poses=self.poses[:, robots:],
                 leds=self.leds,
             )
-        except OSError as error:
-            raise VsenseError(f"{path}: cannot be written: {error.strerror}") from None
 
     def save_notes(self, directory: Path) -> None:
         """Writes what controllers showed: shown.csv, as of an export.

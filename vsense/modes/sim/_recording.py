@@ -12,7 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from vsense.base.errors import VsenseError
+from vsense.base.errors import VsenseError, failing_as
 from vsense.base.message_bus import Listener, Message, MessageBus
 from vsense.monitor.foxglove.channels import Channels
 from vsense.monitor.recording import form
@@ -108,8 +108,5 @@ class SimRecorder:
 
 def clear(path: Path) -> None:
     """Removes the recording of a run that is done again; VsenseError if that is not possible."""
-    try:
-        with suppress(FileNotFoundError):
-            path.unlink()
-    except OSError as error:
-        raise VsenseError(f"{path}: cannot be removed: {error.strerror}") from None
+    with failing_as(VsenseError, f"{path}: cannot be removed"), suppress(FileNotFoundError):
+        path.unlink()

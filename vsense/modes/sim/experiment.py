@@ -25,8 +25,7 @@ from vsense.run.environment import MOST_SEED
 from vsense.run.verdict import VoidCriteria, exit_code, judge, table_rows
 
 if TYPE_CHECKING:
-    from vsense.modes.sim._room import SimRoom
-    from vsense.modes.sim._watched import WatchedRuns
+    from vsense.modes.sim._room import SimRoom, WatchedRuns
 
 
 def run(options: SimOptions) -> int:
@@ -103,8 +102,7 @@ class _SingleRun:
         """
         # These need the extra `web`.
         from vsense.modes._several import Series
-        from vsense.modes.sim._room import SimRoom
-        from vsense.modes.sim._watched import WatchedRuns
+        from vsense.modes.sim._room import SimRoom, WatchedRuns
         from vsense.monitor.ui.room import ControlRoom
 
         options, output, seed = self.options, self.options.experiment.output, self._seed()

@@ -24,8 +24,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense import __version__
-from vsense.base.errors import VsenseError
-from vsense.base.files import PACKAGE_FOLDER
+from vsense.base.errors import VsenseError, failing_as
+from vsense.base.files import PACKAGE_FOLDER, open_bytes
 from vsense.modes.sim.outcome import Task
 from vsense.robots import build
 from vsense.robots.compiling import native
@@ -70,10 +70,12 @@ def of_file(path: Path) -> str:
     Raises:
         VsenseError: it cannot be read.
     """
-    try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError as error:
-        raise VsenseError(f"{path}: cannot be read: {error.strerror}") from None
+    with failing_as(VsenseError, f"{path}: cannot be read"):
+        digest = hashlib.sha256()
+        with open_bytes(path) as file:
+            while piece := file.read(1 << 20):
+                digest.update(piece)
+    return digest.hexdigest()
 
 
 def of_files(task: Task) -> dict[str, str]:
@@ -166,10 +168,8 @@ def _imported(file: Path, folder: Path) -> list[Path]:
 
 
 def _text(path: Path) -> str:
-    try:
+    with failing_as(VsenseError, f"{path}: cannot be read"):
         return path.read_text(encoding="utf-8", errors="replace")
-    except OSError as error:
-        raise VsenseError(f"{path}: cannot be read: {error.strerror}") from None
 
 
 Machine = Mapping[str, str]

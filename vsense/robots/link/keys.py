@@ -97,6 +97,14 @@ def robot_file(uid: bytes, key: bytes) -> str:
     return f"uid = {uid.hex()}\nkey = {key.hex()}\n"
 
 
+def daemon_options(uid: bytes, keys: KeySource | None, file: Path) -> list[str]:
+    """The options of `vsensed` that say who a robot is; writes its own file if there are keys."""
+    if keys is None:
+        return ["--uid", uid.hex(), "--insecure"]
+    write_private(file, robot_file(uid, keys.robot_key(uid)), 0o600)
+    return ["--key", str(file.resolve())]
+
+
 def make() -> SwarmKeys:
     """A new swarm's first key."""
     return SwarmKeys({1: secrets.token_bytes(SWARM_KEY_BYTES)})

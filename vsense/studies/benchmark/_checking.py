@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from vsense.base.errors import VsenseError
+from vsense.modes.sim.fingerprint import of_file
 from vsense.run.runs_csv import RUNS, RunRow
 from vsense.studies.benchmark import _definition as definition
 from vsense.studies.benchmark._comparing import read, row_of
-from vsense.studies.benchmark._definition import Definition, digest
+from vsense.studies.benchmark._definition import Definition
 from vsense.studies.benchmark._evidence import (
     Progress,
     RunEvidence,
@@ -21,7 +22,7 @@ from vsense.studies.benchmark._evidence import (
 )
 from vsense.studies.benchmark._result import DEFINITION, Benchmark, figures
 from vsense.studies.packages import _comparing
-from vsense.studies.packages._claims import Claims
+from vsense.studies.packages._comparing import Claims
 from vsense.studies.series import _plan as plans
 from vsense.studies.series._parts import PlanLoader
 
@@ -76,7 +77,7 @@ def _definition(current: Definition, folder: Path, result: Mapping[str, Any]) ->
     for name in (*current.digests, definition.DEFINITION_FILE):
         copy = folder / DEFINITION / name
         try:
-            if not current.has(name, digest(copy)):
+            if not current.has(name, of_file(copy)):
                 yield f"{copy}: is not the definition's"
         except VsenseError as error:
             yield str(error)

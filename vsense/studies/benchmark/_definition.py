@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from vsense.base.errors import VsenseError, failing_as
+from vsense.base.errors import VsenseError
 from vsense.base.files import PACKAGE_FOLDER, parse_json, read_text
-from vsense.studies.packages._archive import digest_of
+from vsense.modes.sim.fingerprint import of_file
 
 DEFINITION_FILE = "definition.json"
 FULL_PLAN, QUICK = "plan.toml", "quick.toml"
@@ -93,7 +93,7 @@ class Definition:
 
     def require(self, files: Iterable[Path]) -> None:
         """Raises OtherDefinition unless these are the definition's files, all of them."""
-        digests = {path.name: digest(path) for path in (*files, self.plan(), self.plan(True))}
+        digests = {path.name: of_file(path) for path in (*files, self.plan(), self.plan(True))}
         names = sorted({*digests, *self.digests})
         wrong = [name for name in names if not self.has(name, digests.get(name, ""))]
         if wrong:
@@ -103,16 +103,10 @@ class Definition:
             )
 
 
-def digest(path: Path) -> str:
-    """SHA-256 of a file; VsenseError if it cannot be read."""
-    with failing_as(VsenseError, f"{path}: cannot be read"):
-        return digest_of(path)[0]
-
-
 def load(folder: Path = NEWEST) -> Definition:
     """Reads a definition; VsenseError if it cannot be read."""
     path = folder / DEFINITION_FILE
-    sha256 = digest(path)
+    sha256 = of_file(path)
     try:
         data: Any = parse_json(read_text(path))
         missions = tuple(Mission(**mission) for mission in data["missions"])

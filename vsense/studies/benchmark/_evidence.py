@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from vsense.base.errors import VsenseError
+from vsense.base.errors import VsenseError, failing_as
 from vsense.base.files import parse_json, read_text
 from vsense.config.specs import Experiment
+from vsense.modes.sim.fingerprint import of_file
 from vsense.monitor.recording import MCAP, form
 from vsense.monitor.recording.form import RecordingError
 from vsense.monitor.recording.reader import Recording, open_recording
@@ -23,9 +24,9 @@ from vsense.monitor.recording.resense import arena_state
 from vsense.run.directory import SUMMARY
 from vsense.run.environment import Environment
 from vsense.run.runs_csv import RUNS, RunRow, read_runs
-from vsense.studies.benchmark._definition import BLIND, digest
+from vsense.studies.benchmark._definition import BLIND
 from vsense.studies.benchmark._motion import RunMotion, read_motion
-from vsense.studies.series._order import Cell, cells
+from vsense.studies.series._order import Cell, cells, valid_by_cell
 from vsense.studies.series._parts import PlannedExperiment
 from vsense.studies.series._plan import SeriesPlan
 
@@ -114,10 +115,8 @@ class RunEvidence:
 
 def rows_of(folder: Path) -> list[RunRow]:
     """The runs of a series' folder; VsenseError where there is no table that can be read."""
-    try:
+    with failing_as(VsenseError, f"{folder / RUNS}: cannot be read"):
         return read_runs(folder / RUNS)
-    except OSError as error:
-        raise VsenseError(f"{folder / RUNS}: cannot be read: {error.strerror}") from None
 
 
 def misplaced(plan: SeriesPlan, rows: Sequence[RunRow]) -> Iterator[str]:
@@ -125,14 +124,12 @@ def misplaced(plan: SeriesPlan, rows: Sequence[RunRow]) -> Iterator[str]:
 
     Void ones have to say why.
     """
-    valid: dict[tuple[str, str, str], list[RunRow]] = {}
     for row in rows:
-        if row.valid:
-            valid.setdefault((row.condition, row.start, row.repetition), []).append(row)
-        elif not row.why:
+        if not (row.valid or row.why):
             yield f"{row.run} is invalid and does not say why"
+    valid = valid_by_cell(rows)
     for cell in cells(plan):
-        placed = valid.pop((cell.condition, cell.start, str(cell.repetition)), [])
+        placed = valid.pop(cell.key, [])
         where = f"{cell.condition}, {cell.start}, repetition {cell.repetition}"
         if len(placed) != 1:
             yield f"{where}: {len(placed)} valid runs, expected one"
@@ -177,7 +174,7 @@ def evidence_of(
         measures = recount(recording, experiment, row.seed or 0)
         calibration = recording.experiment.get("calibration")
         motion = read_motion(recording, not row.condition.endswith(BLIND))
-    digests = {str(path.relative_to(folder)): digest(path) for path in files}
+    digests = {str(path.relative_to(folder)): of_file(path) for path in files}
     return RunEvidence(row, digests, measures, summary, calibration, motion)
 
 

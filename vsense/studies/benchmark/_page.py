@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
 from html import escape
 from pathlib import Path
 from typing import Any
 
-from vsense.base.errors import failing_as
 from vsense.base.terminal import spoken
-from vsense.monitor.recording.form import RecordingError
 from vsense.studies.benchmark._comparing import ComparedLabs
-from vsense.studies.report import Questions, _plot, can_draw, lacking, lacking_tests
-from vsense.studies.report._markup import DASH, Counter, document, figure_of, note, share_of, tiles
+from vsense.studies.report import Questions, _plot, lacking, lacking_tests
+from vsense.studies.report._markup import DASH, Counter, document, figure_of, share_of, tiles, warn
 from vsense.studies.report._plot import Drawing
-from vsense.studies.report.report import REPORT_PAGE, Charts, require_empty
+from vsense.studies.report.report import REPORT_PAGE, Charts, charts_in, require_empty
 from vsense.studies.report.study import _section
 from vsense.studies.report.study._results import StudyResult
 
@@ -78,15 +75,13 @@ def write(result: Mapping[str, Any], studies: Sequence[StudyResult], folder: Pat
 
     RecordingError where something cannot be written.
     """
-    with failing_as(RecordingError, f"{folder}: cannot be written"):
-        folder.mkdir(parents=True, exist_ok=True)
-        charts = Charts(folder, "png" if can_draw() else "")
-        counter = Counter()
-        asked = Questions(tests=not lacking_tests())
-        with _plot.styled() if can_draw() else nullcontext():
-            parts = [*_notes(result), _head(result), _latency(result, charts, counter)]
-            parts += [_poses(result, counter), _wheels(result, charts, counter)]
-            parts += [_missions(result, counter), *_studies(studies, charts, counter, asked)]
+    with charts_in(folder) as charts:
+        counter, asked = Counter(), Questions(tests=not lacking_tests())
+        told = [*result["deviations"], lacking(), lacking_tests()]
+        parts = [warn(words) for words in told if words]
+        parts += [_head(result), _latency(result, charts, counter)]
+        parts += [_poses(result, counter), _wheels(result, charts, counter)]
+        parts += [_missions(result, counter), *_studies(studies, charts, counter, asked)]
         title = f"{result['benchmark']}: {result['site']} ({result['mode']})"
         lead = (
             "What three fixed missions say of a lab. Medians of runs are of runs, percentiles of"
@@ -98,11 +93,9 @@ def write(result: Mapping[str, Any], studies: Sequence[StudyResult], folder: Pat
 def write_comparison(comparison: ComparedLabs, folder: Path) -> list[Path]:
     """Writes the page of two labs into an empty folder; raises as `write`."""
     require_empty(folder)
-    with failing_as(RecordingError, f"{folder}: cannot be written"):
-        folder.mkdir(parents=True, exist_ok=True)
-        charts, counter = Charts(folder, "png" if can_draw() else ""), Counter()
-        with _plot.styled() if can_draw() else nullcontext():
-            parts = _studies(comparison.studies, charts, counter, comparison.asked)
+    with charts_in(folder) as charts:
+        counter = Counter()
+        parts = _studies(comparison.studies, charts, counter, comparison.asked)
         caption = f"{DASH}: not known. What these are, the page of the benchmark says."
         rows = [list(row) for row in comparison.rows()]
         table = counter.table("Both labs", caption, ("", *comparison.names), rows)
@@ -117,13 +110,6 @@ def _finish(folder: Path, text: str, charts: Charts) -> list[Path]:
     path = folder / REPORT_PAGE
     path.write_text(text, encoding="utf-8", errors="replace")
     return [path, *charts.files]
-
-
-def _notes(result: Mapping[str, Any]) -> list[str]:
-    notes = [note(f"{words[0].upper()}{words[1:]}.", "warning") for words in result["deviations"]]
-    missing = [lacking()] if not can_draw() else []
-    missing += [lacking_tests()] if lacking_tests() else []
-    return notes + [note(f"{text[0].upper()}{text[1:]}.", "warning") for text in missing]
 
 
 def _head(result: Mapping[str, Any]) -> str:

@@ -12,12 +12,13 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from vsense.base.errors import VsenseError
+from vsense.base.errors import VsenseError, failing_as
 from vsense.base.files import replace_text
 from vsense.config.roster import Roster
+from vsense.modes.sim.fingerprint import of_file
 from vsense.run.directory import DirectoryError
 from vsense.run.runs_csv import RunRow, utc
-from vsense.studies.benchmark._definition import Definition, Mission, digest
+from vsense.studies.benchmark._definition import Definition, Mission
 from vsense.studies.benchmark._evidence import (
     Progress,
     RunEvidence,
@@ -226,7 +227,7 @@ def make(
         "form": FORM,
         "benchmark": benchmark.definition.name,
         "definition_sha256": benchmark.definition.sha256,
-        "definition_files": {n: digest(path) for n, path in benchmark.files.items()},
+        "definition_files": {n: of_file(path) for n, path in benchmark.files.items()},
         "quick": benchmark.quick,
         "deviations": benchmark.deviations,
         "robots": benchmark.robots,
@@ -296,11 +297,9 @@ def _mission(mission: Mission, result: StudyResult) -> dict[str, Any]:
 def write(benchmark: Benchmark, result: Mapping[str, Any]) -> Path:
     """Writes a result and the definition's files beside its runs; DirectoryError if it cannot."""
     path, copies = benchmark.folder / RESULT, benchmark.folder / DEFINITION
-    try:
+    with failing_as(DirectoryError, f"{path}: cannot be written"):
         copies.mkdir(exist_ok=True)
         for file in (*benchmark.files.values(), benchmark.definition.file):
             shutil.copyfile(file, copies / file.name)
         replace_text(path, json.dumps(result, indent=1) + "\n")
-    except OSError as error:
-        raise DirectoryError(f"{path}: cannot be written: {error.strerror}") from None
     return path

@@ -134,8 +134,3 @@ def _check_files(wanted: Sequence[str], names: set[str]) -> None:
     missing = [name for name in wanted if not isinstance(name, str) or name not in names]
     if missing:
         raise ValueError(f"{str(missing[0])[:200]!r} is not in the package")
-
-
-def runs_in_words(count: int) -> str:
-    """So many runs."""
-    return "1 run" if count == 1 else f"{count} runs"

@@ -13,8 +13,9 @@ from typing import Any
 from urllib.parse import quote
 
 from vsense.base.errors import UsageError
+from vsense.base.terminal import counted
 from vsense.modes import origin
-from vsense.studies.packages._contents import PackageContents, runs_in_words
+from vsense.studies.packages._contents import PackageContents
 from vsense.studies.packages._gathering import FoundSeries
 
 METADATA = "ro-crate-metadata.json"
@@ -249,7 +250,7 @@ def _action(
     action: CrateEntity = {
         "@id": f"#made-{quote(series.name)}",
         "@type": "CreateAction",
-        "name": f"{runs_in_words(len(series.runs))} of {', '.join(experiments)}"
+        "name": f"{counted(len(series.runs), 'run')} of {', '.join(experiments)}"
         f" ({', '.join(modes)})",
         "description": f"The runs of {series.name}, made with vsense {', '.join(modes)}.",
         "object": _refs([_id(name) for name in sources]),
@@ -269,7 +270,7 @@ def readme(name: str, contents: PackageContents, all_series: Sequence[FoundSerie
     lines = [f"# {name}", "", "Runs of robot swarms, packed by vsense. In it:", ""]
     for series in all_series:
         modes = ", ".join(sorted({run.facts.mode for run in series.runs}))
-        lines.append(f"* `{series.name}/`: {runs_in_words(len(series.runs))} ({modes})")
+        lines.append(f"* `{series.name}/`: {counted(len(series.runs), 'run')} ({modes})")
     if contents.report:
         lines.append("* `report/`: figures and tests, made of the tables and recordings here")
     lines += [

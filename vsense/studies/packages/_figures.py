@@ -15,7 +15,7 @@ from typing import Any
 from vsense.base.errors import UsageError, VsenseError, failing_as
 from vsense.monitor.recording import require
 from vsense.studies.packages._archive import PackageError
-from vsense.studies.report import Questions, can_draw, lacking, lacking_tests
+from vsense.studies.report import Questions, lacking, lacking_tests
 
 REPORT_PREFIX = "report"
 """The folder of the report."""
@@ -71,7 +71,7 @@ def cannot() -> str:
         require()
     except UsageError as error:
         return str(error)
-    return lacking_tests() if can_draw() else lacking()
+    return lacking() or lacking_tests()
 
 
 def to_data(asked: Questions) -> dict[str, Any]:

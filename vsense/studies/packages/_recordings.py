@@ -29,7 +29,7 @@ from vsense.monitor.recording.writer import RecordingWriter
 from vsense.run.directory import MEASURES_CSV, TIMESTEPS_CSV
 from vsense.studies.packages import _comparing
 from vsense.studies.packages._archive import PackageError
-from vsense.studies.packages._claims import Claims
+from vsense.studies.packages._comparing import Claims
 from vsense.studies.packages._contents import NO_RECORDING, PackedRun
 from vsense.studies.packages._places import PackagePlaces, Scrubber, Untrusted, is_own
 

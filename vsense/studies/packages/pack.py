@@ -14,13 +14,14 @@ from typing import Any
 from vsense import __version__
 from vsense.base.errors import UsageError, VsenseError, failing_as
 from vsense.base.files import read_bytes
+from vsense.base.terminal import counted
 from vsense.modes import origin
 from vsense.monitor.recording import MCAP, megabytes, require
 from vsense.run.runs_csv import utc
 from vsense.studies.packages import _archive, _crate, _figures, _kinds
 from vsense.studies.packages import _contents as contents
 from vsense.studies.packages._archive import MANIFEST, PackageError
-from vsense.studies.packages._contents import CONTENTS, PackageContents, PackedRun, runs_in_words
+from vsense.studies.packages._contents import CONTENTS, PackageContents, PackedRun
 from vsense.studies.packages._crate import Described, Person, Title
 from vsense.studies.packages._gathering import FoundRun, FoundSeries, gather
 from vsense.studies.packages._kinds import FileKind
@@ -56,15 +57,10 @@ class PackOptions:
     unmasked: bool = False
     asked: Questions | None = field(default_factory=Questions)
 
-    @staticmethod
-    def author(text: str) -> Person:
-        """Reads "NAME" or "NAME <ORCID>"; raises as `crate.person`."""
-        return _crate.person(text)
-
-    @staticmethod
-    def license_of(text: str) -> str:
-        """The address of a licence; raises as `crate.license_of`."""
-        return _crate.license_of(text)
+    author = staticmethod(_crate.person)
+    """Reads "NAME" or "NAME <ORCID>"; raises as `crate.person`."""
+    license_of = staticmethod(_crate.license_of)
+    """The address of a licence; raises as `crate.license_of`."""
 
     def target(self, runs: Path) -> Path:
         """The package of runs; UsageError: its name does not end in .zip."""
@@ -103,7 +99,7 @@ class PackedFiles:
     def lines(self) -> Iterator[str]:
         """What was packed, and what was left out, for people."""
         size = megabytes(self.package.stat().st_size)
-        yield f"{self.package}: {runs_in_words(self.runs)}, {self.files} files, {size}"
+        yield f"{self.package}: {counted(self.runs, 'run')}, {self.files} files, {size}"
         for what, count in self.left_out.items():
             yield f"left out or replaced: {what} ({count})"
         if self.pictures_bytes > 0:
@@ -385,7 +381,7 @@ def _title(options: PackOptions, all_series: Sequence[FoundSeries]) -> Title:
     names = ", ".join(series.name for series in all_series)
     facts = [run.facts for series in all_series for run in series.runs]
     experiments = ", ".join(sorted({row.experiment for row in facts if row.experiment}))
-    about = f"{runs_in_words(len(facts))} of {experiments}, with all that they were made from."
+    about = f"{counted(len(facts), 'run')} of {experiments}, with all that they were made from."
     began = max((row.began for row in facts), default="")
     files = [path for series in all_series for path in (series.table, *series.files) if path]
     newest_s = max((path.stat().st_mtime for path in files), default=0.0)

@@ -18,13 +18,13 @@ from vsense.config.specs import Experiment
 from vsense.modes.sim import fingerprint
 from vsense.modes.sim.job import Job
 from vsense.modes.sim.outcome import Task
-from vsense.modes.sim.watch import HANG_MAX_S, Flag, WorkerProcess, watch
+from vsense.modes.sim.watch import Flag, WorkerProcess, watch
 from vsense.monitor.recording import require
 from vsense.run.directory import LOGGED, MEASURES_CSV, SUMMARY, TIMESTEPS_CSV, TRAJECTORY
 from vsense.run.programs import shared_objects
 from vsense.studies.packages import _comparing, _figures
 from vsense.studies.packages._archive import Package, PackageError
-from vsense.studies.packages._claims import Claims
+from vsense.studies.packages._comparing import Claims
 from vsense.studies.packages._contents import (
     CONTENTS,
     MOST_CONTENTS,
@@ -109,7 +109,7 @@ class Simulating:
         try:
             for _ in range(min(self._jobs, len(prepared))):
                 workers.append(WorkerProcess())
-            for run, answer in watch(lines, workers, self._interrupted, show, HANG_MAX_S):
+            for run, answer in watch(lines, workers, self._interrupted, show):
                 yield run, answer
                 done += 1
         finally:

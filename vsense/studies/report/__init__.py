@@ -39,14 +39,16 @@ class Questions:
     tests: bool = True
 
 
-def lacking() -> str:
-    """The message where Matplotlib is not installed."""
-    return f"charts need the Python package matplotlib: {pip_line('matplotlib')}"
-
-
 def can_draw() -> bool:
     """Whether Matplotlib is installed; it is not imported."""
     return importlib.util.find_spec("matplotlib") is not None
+
+
+def lacking() -> str:
+    """The message where Matplotlib is not installed; "" where it is."""
+    if can_draw():
+        return ""
+    return f"charts need the Python package matplotlib: {pip_line('matplotlib')}"
 
 
 def lacking_tests() -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import textwrap
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
@@ -228,7 +227,7 @@ def compared(members: Sequence[Group]) -> Iterator[Drawing]:
     """Draws the groups of one experiment: two charts for each measure, one where no run was
     recorded."""
     for place, name in enumerate(measure_names(members)[:MOST_MEASURES], start=1):
-        file = f"{place:02d}-" + re.sub(r"[^A-Za-z0-9_]+", "-", name)[:40].strip("-")
+        file = f"{place:02d}-{_plot.file_words(name)}"
         if any(name in run.gathered.measures for group in members for run in group.runs):
             yield _over_time(members, name, file)
         yield _ends(members, name, f"{file}-end")
@@ -283,15 +282,8 @@ def few(members: Sequence[Group]) -> str:
 
 
 def _ends(members: Sequence[Group], name: str, file: str) -> Drawing:
-    groups = [(group, colour) for group, colour, _ in _styles(members) if group.ends(name)]
-    values = [group.ends(name) for group, _ in groups]
-    labels = [
-        f"{_plot.wrapped(_plot.label(group.condition), 26)}\n(n = {len(ends)})"
-        for (group, _), ends in zip(groups, values)
-    ]
-    figure = _plot.new_figure(height_in=0.6 + _plot.runs_height(labels))
-    axes = figure.subplots()
-    _plot.draw_runs(axes, name, values, [colour for _, colour in groups])
-    axes.set_yticks(range(len(labels)), labels)
+    shown = [(group, colour) for group, colour, _ in _styles(members) if group.ends(name)]
+    groups = [(group.condition, group.ends(name)) for group, _ in shown]
+    figure = _plot.runs_figure(name, groups, 26, [colour for _, colour in shown])
     caption = f"The last value of the runs of {members[0].experiment}; {_plot.RUNS_LEGEND}."
     return Drawing(file, f"{spoken(name)} at the end".capitalize(), caption, figure)

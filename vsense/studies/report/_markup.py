@@ -104,11 +104,16 @@ def note(words: str, level: str) -> str:
     return f'<p class="note {level}">{escape(words)}</p>\n'
 
 
-def figure_of(value: float | None, digits: int = 3) -> str:
-    """A number with so many significant digits; never as a power of ten below 1e6."""
+def warn(words: str) -> str:
+    """A message, without its capital and full stop, as a note."""
+    return note(f"{words[0].upper()}{words[1:]}.", "warning")
+
+
+def figure_of(value: float | None) -> str:
+    """A number with three significant digits; never as a power of ten below 1e6."""
     if value is None:
         return DASH
-    text = f"{value:.{digits}g}"
+    text = f"{value:.3g}"
     return f"{value:.0f}" if "e" in text and 1.0 <= abs(value) < 1e6 else text
 
 

@@ -10,7 +10,7 @@ from vsense.studies.report import Questions, _tables
 from vsense.studies.report._charts import few
 from vsense.studies.report._compare import Group
 from vsense.studies.report._findings import Findings
-from vsense.studies.report._markup import Counter, PageFigure, document, note, share_of, tiles
+from vsense.studies.report._markup import Counter, PageFigure, document, note, share_of, tiles, warn
 from vsense.studies.report.study import _section
 from vsense.studies.report.study._results import StudyResult
 
@@ -66,7 +66,7 @@ def page(
         valid, voids = studied.counts
         count = valid + len(chapters)
     name = _counted(count, voids) if many else chapters[0].findings.label
-    parts = [note(f"{text[0].upper()}{text[1:]}.", "warning") for text in missing]
+    parts = [warn(text) for text in missing]
     if many:
         parts.append(_contents(chapters, comparisons, studied))
     if studied is not None:

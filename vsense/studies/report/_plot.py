@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 from vsense.base.arena import Floats
 from vsense.base.errors import UsageError, VsenseError
 from vsense.base.terminal import spoken
+from vsense.studies.report import can_draw
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,6 +35,8 @@ _NO_SHEET = "expected a Matplotlib style sheet, or a name in matplotlib.style.av
 _WIDE = 7.16 / 3.5
 """A page's width in columns; IEEE's are 3.5 inches wide, and two with their gap 7.16 inches."""
 _MOST_LETTERS = 44
+_FRAME_IN = 0.6
+"""Of a chart of runs, beside its rows."""
 _TEX = str.maketrans(
     {
         **{sign: f"\\{sign}" for sign in "&%$#_{}"},
@@ -152,10 +155,11 @@ def styled(sheet: str | None = None) -> Iterator[None]:
             log.warning(line)
 
 
-def require_sheet(sheet: str) -> None:
+def require_sheet(sheet: str | None) -> None:
     """Checks a style sheet before anything is read or simulated; raises as `styled` does."""
-    with styled(sheet):
-        pass
+    if sheet is not None and can_draw():
+        with styled(sheet):
+            pass
 
 
 def setting(name: str) -> Any:
@@ -254,6 +258,26 @@ _HALF = 0.32
 _GOLDEN = 0.618034
 _LINE_IN, _GAP_IN = 0.13, 0.14
 """Height of a line of a condition's name, and room between two conditions [inch]."""
+
+
+def file_words(measure: str) -> str:
+    """A measure's name as a part of a file's."""
+    return re.sub(r"[^A-Za-z0-9_]+", "-", measure)[:40].strip("-")
+
+
+def runs_figure(
+    measure: str,
+    groups: Sequence[tuple[str, Sequence[float]]],
+    letters: int,
+    colours: Sequence[str] = ("C0",),
+) -> Figure:
+    """What runs have measured, as `draw_runs`, with the names of groups in lines of `letters`."""
+    labels = [f"{wrapped(label(name), letters)}\n(n = {len(values)})" for name, values in groups]
+    figure = new_figure(height_in=_FRAME_IN + runs_height(labels))
+    axes = figure.subplots()
+    draw_runs(axes, measure, [values for _, values in groups], colours)
+    axes.set_yticks(range(len(labels)), labels)
+    return figure
 
 
 def runs_height(labels: Sequence[str]) -> float:

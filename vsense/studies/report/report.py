@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -169,7 +169,8 @@ def make_report(
         UsageError: a style sheet or a table cannot be used, or has not what is asked of it.
         VsenseError: the charts cannot be drawn in this style.
     """
-    _check(folder, sheet)
+    require_empty(folder)
+    _plot.require_sheet(sheet)
     tables = read_tables(path for path in paths if path.suffix == TABLE_SUFFIX)
     rows = [row for table in tables for row in table.rows]
     asked = replace(asked or Questions(), tests=not lacking_tests())
@@ -179,18 +180,8 @@ def make_report(
         for path in paths
         if path.suffix != TABLE_SUFFIX
     ]
-    with failing_as(RecordingError, f"{folder}: cannot be written"), ExitStack() as stack:
-        folder.mkdir(parents=True, exist_ok=True)
-        if can_draw():
-            stack.enter_context(_plot.styled(sheet))
-        return _write(read, tables, studies, Charts(folder, form if can_draw() else ""))
-
-
-def _check(folder: Path, sheet: str | None) -> None:
-    """Raises what can be known before anything is read."""
-    require_empty(folder)
-    if sheet is not None and can_draw():
-        _plot.require_sheet(sheet)
+    with charts_in(folder, form, sheet) as charts:
+        return _write(read, tables, studies, charts)
 
 
 def require_empty(folder: Path) -> None:
@@ -219,6 +210,19 @@ class Charts:
         self.files.append(path)
         width_px = round(drawing.figure.get_size_inches()[0] * PAGE_PX_PER_IN)
         return PageFigure(drawing.title, drawing.caption, png, width_px, drawing.wide)
+
+
+@contextmanager
+def charts_in(folder: Path, form: str = "png", sheet: str | None = None) -> Iterator[Charts]:
+    """Makes a report's folder if need be, and draws in a style as far as Matplotlib is there.
+
+    Raises:
+        RecordingError: something cannot be written.
+    """
+    with failing_as(RecordingError, f"{folder}: cannot be written"):
+        folder.mkdir(parents=True, exist_ok=True)
+        with _plot.styled(sheet) if can_draw() else nullcontext():
+            yield Charts(folder, form if can_draw() else "")
 
 
 def _compared(read: Sequence[Findings], tables: Sequence[TableOfRuns]) -> list[_compare.Group]:
@@ -258,8 +262,8 @@ def _write(
         prefix = f"{place:02d}-{run.path.stem}-" if comparisons else ""
         figures = (make(run) for make in _MAKERS)
         chapters.append(Chapter(run, charts.keep(prefix, (figure for figure in figures if figure))))
-    missing = [] if charts.form else [lacking()]
-    missing += [lacking_tests()] if studied is not None and lacking_tests() else []
+    told = lacking(), lacking_tests() if studied is not None else ""
+    missing = [text for text in told if text]
     path = charts.folder / REPORT_PAGE
     text = page(chapters, comparisons, missing, studied)
     path.write_text(text, encoding="utf-8", errors="replace")

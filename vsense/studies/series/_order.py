@@ -163,17 +163,21 @@ def rows_by_cell(rows: Sequence[RunRow]) -> dict[CellKey, list[RunRow]]:
     return tries
 
 
+def valid_by_cell(rows: Sequence[RunRow]) -> dict[CellKey, list[RunRow]]:
+    """The rows of each cell that count."""
+    return rows_by_cell([row for row in rows if row.valid])
+
+
 def count_valid(plan: SeriesPlan, rows: Sequence[RunRow]) -> int:
     """How many cells of a plan have a run that counts."""
-    counting = {(row.condition, row.start, row.repetition) for row in rows if row.valid}
+    counting = valid_by_cell(rows)
     return sum(cell.key in counting for cell in cells(plan))
 
 
 def duplicates(rows: Sequence[RunRow]) -> list[str]:
     """Names of runs that count for one cell, where there are several."""
-    tries = rows_by_cell(rows).values()
-    counting = ([row.run for row in attempts if row.valid] for attempts in tries)
-    return [" and ".join(names) for names in counting if len(names) > 1]
+    counting = valid_by_cell(rows).values()
+    return [" and ".join(row.run for row in same) for same in counting if len(same) > 1]
 
 
 def _stray(row: RunRow) -> str:

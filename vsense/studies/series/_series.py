@@ -92,6 +92,14 @@ class SeriesLoop:
         except (Interrupted, CutShort):
             self.end_reason = INTERRUPTED
 
+    def complete(self) -> None:
+        """As `run`; Interrupted: somebody has ended it, which is said."""
+        self.run()
+        if self.end_reason:
+            self._console.end_progress()
+            self._console.say(f"{self.in_words()}; the same command goes on from there")
+            raise Interrupted
+
     def grow(self, plan: SeriesPlan) -> None:
         """Goes on by a plan that has more runs than the one before."""
         self._plan = plan

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vsense.base.errors import Interrupted, UsageError, VsenseError, instead
+from vsense.base.errors import UsageError, VsenseError, instead
 from vsense.base.terminal import Console, Interruption
 from vsense.config.placement import StartPlaces, settle
 from vsense.modes.sim import fingerprint
@@ -22,7 +22,7 @@ from vsense.modes.sim.outcome import Task, libraries_of
 from vsense.run.environment import MOST_SEED
 from vsense.run.runs_csv import RunRow, RunsFile
 from vsense.studies.notebook import checked
-from vsense.studies.report import _plot, can_draw
+from vsense.studies.report import _plot
 from vsense.studies.series._folder import CampaignTable
 from vsense.studies.series._order import CAMPAIGN, Cell
 from vsense.studies.series._parts import PlanLoader, PlannedExperiment
@@ -93,8 +93,7 @@ class TrialOptions:
             jobs=checked("jobs", options.jobs, int, 1),
         )
         check_simulator(options.on, options.jobs, False)
-        if options.style is not None and can_draw():
-            _plot.require_sheet(options.style)
+        _plot.require_sheet(options.style)
         return options
 
     def seeds(self, count: int) -> range:
@@ -201,11 +200,7 @@ class GrowingRuns:
         starts = tuple(PlannedStart(f"seed{n}", StartPlaces(n)) for n in seeds)
         self._goal = goal
         self._loop.grow(replace(self._plan, conditions=conditions, starts=starts))
-        self._loop.run()
-        if self._loop.end_reason:
-            self._console.end_progress()
-            self._console.say(f"{self._loop.in_words()}; the same command goes on from there")
-            raise Interrupted
+        self._loop.complete()
 
     def rows(self, condition: str, seeds: Sequence[int]) -> list[RunRow]:
         """The valid rows of a condition with these seeds, in their order, as far as they are."""

@@ -26,7 +26,7 @@ from vsense.modes.sim.outcome import Task, libraries_of
 from vsense.monitor.recording import MCAP
 from vsense.run import asked
 from vsense.run.runs_csv import RunsFile, condition_of
-from vsense.studies.report import FORMATS, can_draw, lacking
+from vsense.studies.report import FORMATS, _plot, can_draw, lacking
 from vsense.studies.series._folder import CampaignTable
 from vsense.studies.series._order import CAMPAIGN, Cell, condition_words
 from vsense.studies.series._parts import PlannedExperiment
@@ -48,44 +48,17 @@ EVER = 2**31
 
 
 @dataclass(frozen=True, slots=True)
-class Campaign:
-    """The options of a campaign.
-
-    Attributes:
-        output: the CSV file.
-        drawing: the picture's file.
-        style: of the picture: a Matplotlib style sheet or its name, or None.
-        jobs: runs at the same time on this machine; None: one per processor.
-        on: address of a Dask cluster that does the runs instead; None: this machine does.
-        json: print the figures on standard output.
-        lenient: a controller may ask for what nobody offers, or be told what it does not read.
-        record: every run has a recording, in a folder beside the CSV file.
-    """
-
-    sweep: Sweep
-    setup: Setup
-    output: Path
-    drawing: Path
-    style: str | None = None
-    jobs: int | None = 1
-    json: bool = False
-    on: str | None = None
-    lenient: bool = False
-    record: bool = False
-
-    def setup_of(self, planned: PlannedExperiment, cell: Cell | None = None) -> Setup:
-        """What the runs of a condition are made from."""
-        return replace(self.setup, settings=planned.settings)
-
-
-@dataclass(frozen=True, slots=True)
 class CampaignOptions:
     """What of a campaign is asked for beside its experiment and its sweep.
 
     Attributes:
         output: the CSV file, or the picture's; None: results.csv.
         format: of the picture, of `FORMATS`; None: as `output` says, or png.
-        style, jobs, on, json, record: as `Campaign` has them.
+        style: of the picture: a Matplotlib style sheet or its name, or None.
+        jobs: runs at the same time on this machine; None: one per processor.
+        on: address of a Dask cluster that does the runs instead; None: this machine does.
+        json: print the figures on standard output.
+        record: every run has a recording, in a folder beside the CSV file.
     """
 
     output: Path | None = None
@@ -101,6 +74,29 @@ class CampaignOptions:
         check_simulator(self.on, self.jobs, self.record)
 
 
+@dataclass(frozen=True, slots=True)
+class Campaign:
+    """A campaign.
+
+    Attributes:
+        output: the CSV file.
+        drawing: the picture's file.
+        how: what else is asked for.
+        lenient: a controller may ask for what nobody offers, or be told what it does not read.
+    """
+
+    sweep: Sweep
+    setup: Setup
+    output: Path
+    drawing: Path
+    how: CampaignOptions = CampaignOptions(jobs=1)
+    lenient: bool = False
+
+    def setup_of(self, planned: PlannedExperiment, cell: Cell | None = None) -> Setup:
+        """What the runs of a condition are made from."""
+        return replace(self.setup, settings=planned.settings)
+
+
 def simulate(experiment: ExperimentOptions, sweep: Sweep, options: CampaignOptions) -> int:
     """Does the campaign of an experiment; 0, or 130 after Ctrl-C, 143 after SIGTERM.
 
@@ -113,18 +109,7 @@ def simulate(experiment: ExperimentOptions, sweep: Sweep, options: CampaignOptio
     setup = setup_of(experiment)
     say_warnings(setup.fit(loaded), console)
     output, drawing = outputs(options.output, options.format)
-    campaign = Campaign(
-        sweep,
-        setup,
-        output,
-        drawing,
-        options.style,
-        options.jobs,
-        options.json,
-        options.on,
-        experiment.lenient,
-        options.record,
-    )
+    campaign = Campaign(sweep, setup, output, drawing, options, experiment.lenient)
     with interruption() as interrupted:
         try:
             run(campaign, console, interrupted)
@@ -162,20 +147,17 @@ def run(
     Rows are written in the order of the campaign, wherever and in whatever order runs are done.
 
     Args:
-        engine: does the runs, on other machines; None: as `Campaign.on` says.
+        engine: does the runs, on other machines; None: as `Campaign.how` says.
 
     Raises:
         Interrupted: the user has ended it; the rows until then are in the file.
         CutShort: likewise, while a cluster was connected or the results were drawn.
         VsenseError: it cannot run, or a run has failed.
     """
-    if campaign.style is not None and can_draw():
-        from vsense.studies.report import _plot
-
-        _plot.require_sheet(campaign.style)
+    _plot.require_sheet(campaign.how.style)
     with ExitStack() as stack:
         if engine is None:
-            here = simulator(campaign.on, campaign.jobs, console, interrupted)
+            here = simulator(campaign.how.on, campaign.how.jobs, console, interrupted)
             simulate = stack.enter_context(here)
         else:
             simulate = engine.simulate
@@ -200,18 +182,14 @@ def _complete(
         simulate,
         console,
         interrupted,
-        record=campaign.record,
+        record=campaign.how.record,
         reported=reported,
     )
     loop = SeriesLoop(plan, table, lambda runs: maker.make(runs, table), console, interrupted)
     _keep_origin(campaign, by_condition, table, console)
-    if campaign.record:
+    if campaign.how.record:
         _say_unrecorded(loop, table, console)
-    loop.run()
-    if loop.end_reason:
-        console.end_progress()
-        console.say(f"{loop.in_words()}; the same command goes on from there")
-        raise Interrupted
+    loop.complete()
     return plan, table
 
 
@@ -303,7 +281,7 @@ def _say_unrecorded(loop: SeriesLoop, table: CampaignTable, console: Console) ->
 def _report(campaign: Campaign, plan: SeriesPlan, table: CampaignTable, console: Console) -> None:
     """Prints the results, and draws them where Matplotlib is there."""
     groups, path = measures_of(plan, table), table.table.path
-    if campaign.json:
+    if campaign.how.json:
         figures = [{"settings": c.settings, "measures": spreads(v)} for c, v in groups]
         print_data(json.dumps({"file": str(path), "settings": figures}, indent=2))
     names = [condition_words(condition.name) for condition, _ in groups]
@@ -327,7 +305,7 @@ def _draw(campaign: Campaign, table: CampaignTable, groups: Sequence[ConditionMe
     title = table.rows[0].experiment
     title += ", without virtual sensors" if campaign.setup.blind else ""
     draw = partial(_comparison.draw, title, settings, measures)
-    write_picture(draw, campaign.drawing, campaign.style)
+    write_picture(draw, campaign.drawing, campaign.how.style)
 
 
 def write_picture(draw: Callable[[], Figure], path: Path, style: str | None) -> Path | None:
@@ -337,8 +315,6 @@ def write_picture(draw: Callable[[], Figure], path: Path, style: str | None) -> 
     """
     if not can_draw():
         return None
-    from vsense.studies.report import _plot
-
     with _plot.styled(style):
         data = _plot.encode(draw(), path.suffix[1:])
     with failing_as(VsenseError, f"{path}: cannot be written"):

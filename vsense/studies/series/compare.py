@@ -34,8 +34,7 @@ if TYPE_CHECKING:
 
 PAIRS = FEWEST_PAIRS, MOST_PAIRS = _sequential.LOOKS[0], _sequential.LOOKS[-1]
 _HEIGHT_IN = 2.4
-EXIT_CODES = {BETTER: 0, NOT_WORSE: 0, WORSE: 1, NOT_CLEAR: 3}
-"""Of `vsense compare`, by verdict."""
+_EXIT_CODES = {BETTER: 0, NOT_WORSE: 0, WORSE: 1, NOT_CLEAR: 3}
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +83,12 @@ class Comparison:
     @property
     def passed(self) -> bool:
         """Whether it is better, or not worse by more than the margin."""
-        return EXIT_CODES[self.verdict] == 0
+        return self.exit_code == 0
+
+    @property
+    def exit_code(self) -> int:
+        """That of `vsense compare`."""
+        return _EXIT_CODES[self.verdict]
 
     @property
     def pairs(self) -> int:

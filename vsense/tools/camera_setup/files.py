@@ -12,7 +12,7 @@ from typing import Any
 from xml.sax.saxutils import quoteattr
 
 from vsense.base.errors import UsageError, VsenseError
-from vsense.base.terminal import Console, aligned, patience, print_data
+from vsense.base.terminal import Console, aligned, counted, patience, print_data
 from vsense.config import resources as resources_file
 from vsense.config import roster
 from vsense.config.resources import (
@@ -388,7 +388,7 @@ def init(directory: Path, force: bool) -> int:
 
 
 def _next(directory: Path, ids: list[str]) -> list[str]:
-    cameras = f"{len(ids)} camera{'' if len(ids) == 1 else 's'}"
+    cameras = counted(len(ids), "camera")
     step = "" if directory == Path() else f"  cd {directory}\n"
     return [
         f"{cameras}: {', '.join(ids)}. What comes next:",

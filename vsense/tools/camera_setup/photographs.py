@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from vsense.base.arena import Image
 from vsense.base.canvas import FONT, INK, Colour
 from vsense.base.errors import GrabberError, UsageError, failing_as
-from vsense.base.terminal import Console, print_data, printable
+from vsense.base.terminal import Console, counted, print_data, printable
 from vsense.tools.camera_setup.showing import save_picture
 from vsense.vision.cameras.picture import ENDINGS, PictureError, pictures_in, read_picture, to_grey
 from vsense.vision.tracking.squares import LEAST_SIDE_PX, SquareFinder, codes_of
@@ -183,12 +183,8 @@ def _line(path: Path, image: Image, rows: NDArray[np.void]) -> str:
 
 
 def _summary(pictures: int, damaged: int, markers: int, name: str) -> str:
-    text = f"{_counted(pictures - damaged, 'picture')}, {_counted(markers, 'marker')} of {name}"
-    return f"{text}; {_counted(damaged, 'picture')} could not be used" if damaged else text
-
-
-def _counted(number: int, noun: str) -> str:
-    return f"{number} {noun}{'' if number == 1 else 's'}"
+    text = f"{counted(pictures - damaged, 'picture')}, {counted(markers, 'marker')} of {name}"
+    return f"{text}; {counted(damaged, 'picture')} could not be used" if damaged else text
 
 
 def draw(image: Image, rows: NDArray[np.void]) -> Image:

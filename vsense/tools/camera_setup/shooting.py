@@ -17,8 +17,8 @@ from pathlib import Path
 
 from vsense.base.arena import Frame, Image
 from vsense.base.clock import host_ns
-from vsense.base.errors import GrabberError, UsageError, VsenseError
-from vsense.base.terminal import Console, interruption, print_data
+from vsense.base.errors import GrabberError, UsageError, VsenseError, failing_as
+from vsense.base.terminal import Console, counted, interruption, print_data
 from vsense.config import resources as resources_file
 from vsense.tools.camera_setup.showing import save_picture
 from vsense.vision.calibration.board import Board, CornerFinder
@@ -211,10 +211,8 @@ class ShootingSession:
         counts: dict[str, int | None] = {}
         for camera in filter(images.__contains__, self._cameras):
             folder = self._directory / camera
-            try:
+            with failing_as(VsenseError, f"{folder}: cannot be made"):
                 folder.mkdir(parents=True, exist_ok=True)
-            except OSError as error:
-                raise VsenseError(f"{folder}: cannot be made: {error.strerror}") from None
             save_picture(images[camera], folder / f"{moment}.png")
             counts[camera] = None if self._finder is None else self._corners(images[camera])
         if images:
@@ -328,8 +326,7 @@ def _end(shoot: ShootingSession, options: ShootOptions, console: Console) -> Non
         console.say("vsense: no picture was taken")
         return
     floor = " --floor 'floor_*'" if any(n.startswith(FLOOR_MOMENT) for n in shoot.moments) else ""
-    count = len(shoot.moments)
-    moments = f"{count} moment{'' if count == 1 else 's'}"
+    moments = counted(len(shoot.moments), "moment")
     console.say(f"{moments} in {options.output}. What comes next:")
     board = options.board or "BOARD"
     console.say(

@@ -14,7 +14,7 @@ import numpy as np
 
 from vsense.base.arena import POSE, ArenaState, Frame, Image
 from vsense.base.clock import host_ns
-from vsense.base.errors import GrabberError, UsageError, VsenseError
+from vsense.base.errors import GrabberError, UsageError, VsenseError, failing_as
 from vsense.base.terminal import Console, interruption, print_data
 from vsense.modes.live.track_room import TrackRoom
 from vsense.monitor.ui.access import WebAddress
@@ -44,10 +44,8 @@ def settled(camera: OpenCamera) -> Image:
 def save_picture(image: Image, path: Path) -> None:
     """Writes an (h, w) uint8 picture; raises VsenseError where it cannot be written."""
     data = cv2.imencode(path.suffix.lower(), image)[1].tobytes()
-    try:
+    with failing_as(VsenseError, f"{path}: cannot be written"):
         path.write_bytes(data)
-    except OSError as error:
-        raise VsenseError(f"{path}: cannot be written: {error.strerror}") from None
 
 
 RATE_WINDOW = 20

@@ -13,7 +13,7 @@ import os
 import platform
 import shutil
 import stat
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -21,6 +21,7 @@ from pathlib import Path
 from vsense import __version__
 from vsense.base import sharing
 from vsense.base.errors import EXTRAS, VsenseError, pip_line
+from vsense.base.terminal import aligned
 from vsense.robots import boards, build, key_holders
 from vsense.robots.compiling import APT_LINE, BuildError, native
 from vsense.robots.link import keys, network, strangers
@@ -78,6 +79,22 @@ class Finding:
     state: str
     text: str
     mend: str = ""
+
+
+def table(all_findings: Sequence[Finding]) -> list[str]:
+    """The findings as lines for people: what is needed, and apart from it what is optional."""
+    rows = aligned([(finding.name, finding.text) for finding in all_findings])
+    pairs = list(zip(rows, all_findings, strict=True))
+    heads = {BROKEN: "needed, and not here:", OK: "here:", LACKS: "optional, and not here:"}
+    lines = list[str]()
+    for state, head in heads.items():
+        own = [(row, finding.mend) for row, finding in pairs if finding.state == state]
+        lines += ["", head] if own else []
+        for row, mend in own:
+            lines += [f"  {row}", *([f"      {mend}"] if mend else [])]
+    broken = sum(finding.state == BROKEN for finding in all_findings)
+    works = "vsense cannot simulate here: see above" if broken else "vsense sim and vsense lab work"
+    return [*lines, "", works]
 
 
 def findings() -> Iterator[Finding]:

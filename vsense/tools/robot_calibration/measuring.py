@@ -56,22 +56,6 @@ BLACK_M = 0.05
 
 
 @dataclass(frozen=True, slots=True)
-class EmulatedSwarm:
-    """What a lab is made of.
-
-    Attributes:
-        robots: how its robots differ.
-        base: what they are based on; `watchdog`: whether their firmware has one.
-        pace: of all clocks, as a share of real time.
-    """
-
-    robots: LabRobots
-    base: str | None
-    watchdog: bool
-    pace: float
-
-
-@dataclass(frozen=True, slots=True)
 class MeasuringOptions:
     """Robots that are calibrated or checked, and how they are reached.
 
@@ -90,12 +74,16 @@ class MeasuringOptions:
     address: tuple[str, int]
     trust: LinkTrust
     tracking: tuple[str, str] | None
-    lab: EmulatedSwarm | None
+    lab: EmulatedLab | None
     roster: Roster | None
     web: WebAddress | None
     wait_s: float
     output: Path | None
     as_json: bool
+
+    def robots(self) -> LabRobots:
+        """How the lab's robots differ; nothing is known of real ones."""
+        return LabRobots() if self.lab is None else self.lab.robots(self.experiment)
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +127,7 @@ def _session(
         if lab is None:
             yield RunSession(setup, options.tracking, None)
         else:
-            yield Session(setup, directory, EmulatedLab(lab.base, lab.watchdog), robots)
+            yield Session(setup, directory, lab, robots)
 
 
 def _exit_code(session: ExperimentSession, succeeded: bool) -> int:
@@ -196,9 +184,9 @@ def calibrate(options: MeasuringOptions, asked: SensorOptions = SensorOptions())
     experiment = commanded(
         options.experiment, wheels, None if sensing is None else sensing.readings
     )
-    directory = run_directory.make(options.output, experiment.name, options.seed)
     # Where markers sit is what is to be found.
-    robots = LabRobots() if options.lab is None else replace(options.lab.robots, markers={})
+    robots = replace(options.robots(), markers={})
+    directory = run_directory.make(options.output, experiment.name, options.seed)
     if sensing is not None and sensing.ground is not None:
         robots = replace(robots, black=((*sensing.ground.black, BLACK_M),))
     with _session(options, experiment, directory, robots) as session:
@@ -302,9 +290,8 @@ def check(options: MeasuringOptions, wiggle: bool) -> int:
     Returns:
         0; 1 where one is not as it should be; 130 after Ctrl-C, 143 after SIGTERM.
     """
-    experiment = options.experiment
+    experiment, robots = options.experiment, options.robots()
     directory = run_directory.make(options.output, f"{experiment.name}-check", options.seed)
-    robots = LabRobots() if options.lab is None else options.lab.robots
     with _session(options, experiment, directory, robots) as session:
         checked = _check(session, directory, options.wait_s, wiggle)
         session.setup.console.end_progress()

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from vsense.base.arena import Floats, Image
 from vsense.base.errors import UsageError
 from vsense.base.files import read_text
-from vsense.base.terminal import Console, print_data
+from vsense.base.terminal import Console, counted, print_data
 from vsense.vision.calibration import _report
 from vsense.vision.calibration._bundle import lens_of
 from vsense.vision.calibration._intrinsics import calibrate_lenses
@@ -110,7 +110,7 @@ def intrinsics(options: LensOptions) -> int:
     board = Board.parse(options.board)
     shoot, _ = _shoot(options, board, {}, None)
     solution = calibrate_lenses(_thinned(shoot), board)
-    title = f"Lens of {_count(len(solution.cameras), 'camera')}"
+    title = f"Lens of {counted(len(solution.cameras), 'camera')}"
     return _deliver(options, title, solution, board, shoot.views)
 
 
@@ -150,7 +150,7 @@ def rig(options: RigOptions) -> int:
         lenses, trust = {c.id: lens_of(c) for c in lens_solution.cameras}, Trust.FREE
     solution = RigSolver(Rig(shoot, board, floor, lenses, trust)).solve()
     _keep_references(options, [camera.id for camera in solution.cameras])
-    title = f"Rig of {_count(len(solution.cameras), 'camera')}"
+    title = f"Rig of {counted(len(solution.cameras), 'camera')}"
     return _deliver(options, title, solution, board, shoot.views)
 
 
@@ -237,7 +237,7 @@ def _looked(
         tagged.append((file.camera, middles))
         if corners is not None:
             views.append(View(file.camera, file.moment, *corners))
-    _say(f"the board was found in {len(views)} of {_count(len(pictures), 'picture')}")
+    _say(f"the board was found in {len(views)} of {counted(len(pictures), 'picture')}")
     return BoardViews(dict(sorted(sizes.items())), views, counts), tag_views(tagged)
 
 
@@ -377,10 +377,6 @@ def _progress(done: int, total: int) -> None:
     if sys.stderr.isatty():
         end = "\n" if done == total else ""
         print(f"\rlooking at pictures: {done} of {total}", end=end, file=sys.stderr, flush=True)
-
-
-def _count(number: int, noun: str) -> str:
-    return f"{number} {noun}" + ("" if number == 1 else "s")
 
 
 def _say(text: str) -> None:

@@ -17,6 +17,7 @@ from itertools import permutations
 import numpy as np
 
 from vsense.base.arena import Floats
+from vsense.base.terminal import counted
 
 MOST_EXACT = 50
 """Runs of a condition up to which the rank-sum and signed-rank tests are exact, as in R."""
@@ -110,7 +111,9 @@ def signed_rank(first: Floats, second: Floats) -> RankTest:
 
     name, n = "Wilcoxon signed-rank test", (len(first),)
     if len(first) < RUNS_MIN:
-        return RankTest(name, n, reason=f"{_count(len(first), 'pair')}, at least {RUNS_MIN} needed")
+        return RankTest(
+            name, n, reason=f"{counted(len(first), 'pair')}, at least {RUNS_MIN} needed"
+        )
     apart = (first - second)[first != second]
     if not len(apart):
         return RankTest(name, n, reason="both runs of every pair gave the same")
@@ -133,7 +136,7 @@ def friedman(table: Floats) -> RankTest:
     blocks, conditions = table.shape
     name, n = "Friedman test", (blocks,)
     if blocks < RUNS_MIN:
-        count = _count(blocks, "complete block")
+        count = counted(blocks, "complete block")
         return RankTest(name, n, reason=f"{count}, at least {RUNS_MIN} needed")
     ranks = stats.rankdata(table, axis=1)
     if (ranks == ranks[:, :1]).all():
@@ -174,7 +177,7 @@ def equivalence(first: Floats, second: Floats, margin: float, paired: bool) -> E
     name = f"two one-sided {'paired t-tests' if paired else 'Welch t-tests'}"
     n = (len(first),) if paired else (len(first), len(second))
     if min(n) < RUNS_MIN:
-        few = f"{_count(min(n), 'pair' if paired else 'run')}, at least {RUNS_MIN} needed"
+        few = f"{counted(min(n), 'pair' if paired else 'run')}, at least {RUNS_MIN} needed"
         apart = float(np.mean(first) - np.mean(second)) if min(n) else None
         return Equivalence(name, n, margin, apart, reason=few)
     difference = float(np.mean(first) - np.mean(second))
@@ -206,12 +209,8 @@ def equivalence(first: Floats, second: Floats, margin: float, paired: bool) -> E
 def _cannot(n: Sequence[int], values: Floats) -> str:
     """Why independent runs cannot be tested; "" where they can."""
     if min(n) < RUNS_MIN:
-        return f"a condition has {_count(min(n), 'run')}, at least {RUNS_MIN} of each needed"
+        return f"a condition has {counted(min(n), 'run')}, at least {RUNS_MIN} of each needed"
     return "all runs gave the same" if (values == values[0]).all() else ""
-
-
-def _count(number: int, word: str) -> str:
-    return f"{number} {word}{'' if number == 1 else 's'}"
 
 
 def rank_sum_tails(ranks: Floats, chosen: int, rank_sum: float) -> tuple[float, float]:

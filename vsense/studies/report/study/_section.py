@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator, Sequence
 from html import escape
 
@@ -14,28 +13,18 @@ from vsense.studies.report.study import _words as words
 from vsense.studies.report.study._results import MeasureResult, StudyResult
 from vsense.studies.report.study._words import interval, n_of, number, p_of, statistic
 
-_FRAME_IN = 0.6
 _LETTERS = 30
 
 
 def boxes(result: StudyResult, prefix: str) -> Iterator[Drawing]:
     """Draws each measure of a study; `prefix` begins the files' names."""
+    arms = [arm.label for arm in result.study.arms]
     for place, outcome in enumerate(result.measures, start=1):
-        words = re.sub(r"[^A-Za-z0-9_]+", "-", outcome.measure)[:40].strip("-")
-        yield _drawing(result, outcome, f"{prefix}{place:02d}-{words}")
-
-
-def _drawing(result: StudyResult, outcome: MeasureResult, file: str) -> Drawing:
-    labels = [
-        _plot.wrapped(_plot.label(arm.label), _LETTERS) + f"\n(n = {len(values)})"
-        for arm, values in zip(result.study.arms, outcome.values)
-    ]
-    figure = _plot.new_figure(height_in=_FRAME_IN + _plot.runs_height(labels))
-    axes = figure.subplots()
-    _plot.draw_runs(axes, outcome.measure, [values.tolist() for values in outcome.values])
-    axes.set_yticks(range(len(labels)), labels)
-    title = f"{spoken(outcome.measure)} of each run".capitalize()
-    return Drawing(file, title, caption(result, outcome), figure)
+        groups = list(zip(arms, (values.tolist() for values in outcome.values)))
+        figure = _plot.runs_figure(outcome.measure, groups, _LETTERS)
+        file = f"{prefix}{place:02d}-{_plot.file_words(outcome.measure)}"
+        title = f"{spoken(outcome.measure)} of each run".capitalize()
+        yield Drawing(file, title, caption(result, outcome), figure)
 
 
 def caption(result: StudyResult, outcome: MeasureResult) -> str:
