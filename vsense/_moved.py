@@ -54,6 +54,7 @@ TABLE = {
     "files": "base.files",
     "foxglove": "monitor.foxglove",
     "homing": "run.homing",
+    "homing.motion": "run.homing.traffic",
     "lab": "modes.lab",
     "lab.processes": "base.processes",
     "lab.radio": "modes.lab.hardware",

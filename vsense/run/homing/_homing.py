@@ -16,8 +16,15 @@ from vsense.base.arena import ArenaState, Floats, wrap_angle
 from vsense.config.specs import Pose
 from vsense.robots.link.table import STAY, Goal
 from vsense.run.homing._assignment import Way, assign, straight_m
-from vsense.run.homing._motion import MAX_M_S, braked_m_s, carrot_m, in_frame
-from vsense.run.homing._traffic import Decision, Traffic, decide
+from vsense.run.homing._traffic import (
+    MAX_M_S,
+    Decision,
+    Traffic,
+    braked_m_s,
+    carrot_m,
+    decide,
+    in_frame,
+)
 from vsense.run.homing.floor import DrivingFloor
 from vsense.run.homing.robots import (
     EXTRA_STANDING_M,
