@@ -18,8 +18,7 @@ from vsense.monitor.pictures import _arena_view, run_figure
 from vsense.monitor.pictures._arena_view import VIEW_PX
 from vsense.monitor.pictures._chart import Chart, ChartSeries, draw_chart, ticks
 from vsense.monitor.pictures._scene import DARK, LIT, VIRTUAL, ArenaMoment
-from vsense.monitor.pictures._world_snapshot import take_snapshot
-from vsense.monitor.pictures.run_samples import RunSamples
+from vsense.monitor.pictures.run_samples import RunSamples, take_snapshot
 from vsense.world.entities import Arena, Box, Cylinder, Light, VirtualRobot, Zone
 from vsense.world.fields import Field
 from vsense.world.world import World

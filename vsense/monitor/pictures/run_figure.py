@@ -25,8 +25,7 @@ from vsense.monitor.pictures._camera_view import CameraPanels
 from vsense.monitor.pictures._chart import CHART_PX, Chart, ChartSeries, draw_chart
 from vsense.monitor.pictures._scene import CONE, DARK, ArenaMoment
 from vsense.monitor.pictures._stitch import Shade, TopView
-from vsense.monitor.pictures._world_snapshot import WorldSnapshot, take_snapshot
-from vsense.monitor.pictures.run_samples import RunSamples
+from vsense.monitor.pictures.run_samples import RunSamples, WorldSnapshot, take_snapshot
 from vsense.vision.cameras.camera import Camera
 from vsense.world.entities import Arena
 from vsense.world.world import World
