@@ -47,6 +47,7 @@ TABLE = {
     "config.controllers": "config.experiment",
     "config.parts": "run.cast",
     "config.roster_text": "base.toml",
+    "config.sentences": "tools.shipped.sentences",
     "config.starting": "config.placement",
     "doctor": "tools.doctor",
     "doctor.versions": "tools.doctor.checks",
