@@ -74,6 +74,11 @@ class ApplyFunction(NamedTuple):
     owner: object = None
 
 
+def rows_in_c(rows: RowNumbers) -> Any:
+    """Robots' rows (n,) in the world as `int32_t[]`, which hold until an entity changes."""
+    return kernel_ffi.from_buffer("int32_t[]", np.ascontiguousarray(rows, dtype=np.int32))
+
+
 def apply_in_c(kernel: ApplyFunction, levels: Floats) -> None:
     """Sets levels (n, k) by a function that asks for nothing else and cannot fail."""
     given = kernel_ffi.from_buffer("double[]", np.ascontiguousarray(levels))
