@@ -182,6 +182,54 @@ class ArenaState:
             raise KeyError(camera)
         return np.asarray(self.images[self.images["camera"] == self.cameras.index(camera)])
 
+    def data(self) -> dict[str, Any]:
+        """Gives its columns, unrounded.
+
+        A covariance is nine numbers row by row, or null where it is unknown.
+        """
+        return {
+            "timestep": self.timestep,
+            "capture_ns": self.capture_ns,
+            "robots": columns(self.robots),
+            "detected": self.detected,
+            "unnamed": self.unnamed,
+            "duplicates": list(map(int, self.duplicates)),
+            "joined": list(map(int, self.joined)),
+            "sightings": columns(self.sightings),
+            "cameras": list(self.cameras),
+            "images": columns(self.images),
+        }
+
+    def to_json(self) -> str:
+        """Gives one line without its end.
+
+        `robots` hold the fields of POSE by their names, `covariance` as six numbers, or null where
+        it is unknown; and in `images`, by the camera's id, where each camera sees the robot.
+        `duplicate_sightings` are all places of the tags in `duplicates`.
+        """
+        images = _images(self)
+        robots = [
+            _fields(row)
+            | {"covariance": _covariance(row), "images": images.get(int(row["tag"]), {})}
+            for row in self.robots
+        ]
+        values = {
+            "timestep": self.timestep,
+            "capture_ns": self.capture_ns,
+            "detected": self.detected,
+            "unnamed": self.unnamed,
+            "duplicates": [int(tag) for tag in self.duplicates],
+            "duplicate_sightings": _twins(self),
+            "joined": [int(tag) for tag in self.joined],
+            "robots": robots,
+        }
+        return json.dumps(values, separators=(",", ":"), allow_nan=False)
+
+    def to_csv(self) -> str:
+        """Gives one line per robot, without the last end; unknown covariances are empty cells."""
+        head = f"{self.timestep},{self.capture_ns},"
+        return "\n".join(head + ",".join(_cells(row)) for row in self.robots)
+
 
 def wrap_angle(angle_rad: NDArray[np.float64] | float) -> NDArray[np.float64]:
     """Returns the same angle in (-pi, pi] [rad], elementwise."""
@@ -197,25 +245,6 @@ def turned(
     """Places (k, 2 or more) in frames of (k,) headings, in the arena's directions: x and y [m]."""
     cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
     return cos * places[:, 0] - sin * places[:, 1], sin * places[:, 0] + cos * places[:, 1]
-
-
-def arena_data(state: ArenaState) -> dict[str, Any]:
-    """Gives an arena state's columns, unrounded.
-
-    A covariance is nine numbers row by row, or null where it is unknown.
-    """
-    return {
-        "timestep": state.timestep,
-        "capture_ns": state.capture_ns,
-        "robots": columns(state.robots),
-        "detected": state.detected,
-        "unnamed": state.unnamed,
-        "duplicates": list(map(int, state.duplicates)),
-        "joined": list(map(int, state.joined)),
-        "sightings": columns(state.sightings),
-        "cameras": list(state.cameras),
-        "images": columns(state.images),
-    }
 
 
 def columns(rows: NDArray[np.void]) -> dict[str, list[Any]]:
@@ -243,37 +272,6 @@ CSV_HEADER = ",".join(
 _DECIMALS = {"x_m": 5, "y_m": 5, "yaw_rad": 5, "speed_m_s": 4, "confidence": 3}
 _DIGITS = 3
 """Of a covariance."""
-
-
-def to_json(state: ArenaState) -> str:
-    """Gives one line without its end.
-
-    `robots` hold the fields of POSE by their names, `covariance` as six numbers, or null where it
-    is unknown; and in `images`, by the camera's id, where each camera sees the robot.
-    `duplicate_sightings` are all places of the tags in `duplicates`.
-    """
-    images = _images(state)
-    robots = [
-        _fields(row) | {"covariance": _covariance(row), "images": images.get(int(row["tag"]), {})}
-        for row in state.robots
-    ]
-    values = {
-        "timestep": state.timestep,
-        "capture_ns": state.capture_ns,
-        "detected": state.detected,
-        "unnamed": state.unnamed,
-        "duplicates": [int(tag) for tag in state.duplicates],
-        "duplicate_sightings": _twins(state),
-        "joined": [int(tag) for tag in state.joined],
-        "robots": robots,
-    }
-    return json.dumps(values, separators=(",", ":"), allow_nan=False)
-
-
-def to_csv(state: ArenaState) -> str:
-    """Gives one line per robot, without the last end; unknown covariances are empty cells."""
-    head = f"{state.timestep},{state.capture_ns},"
-    return "\n".join(head + ",".join(_cells(row)) for row in state.robots)
 
 
 def _twins(state: ArenaState) -> list[dict[str, float]]:

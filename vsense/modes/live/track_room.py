@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 import vsense
-from vsense.base.arena import ArenaState, Frame, arena_data
+from vsense.base.arena import ArenaState, Frame
 from vsense.base.clock import host_ns
 from vsense.base.files import free_bytes
 from vsense.base.sharing import user_name
@@ -91,7 +91,7 @@ class TrackRoom:
         timestep = runs.counts.timestep if runs is not None and runs.running else -1
         self.rest()
         self._bus.notify(
-            "/arena", state.capture_ns, lambda: {**arena_data(state), "run_timestep": timestep}
+            "/arena", state.capture_ns, lambda: {**state.data(), "run_timestep": timestep}
         )
         self._room.show(frames)
 

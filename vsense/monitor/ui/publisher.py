@@ -15,7 +15,7 @@ from typing import Protocol
 import cv2
 import numpy as np
 
-from vsense.base.arena import ArenaState, Frame, arena_data
+from vsense.base.arena import ArenaState, Frame
 from vsense.base.clock import host_ns, pace
 from vsense.base.message_bus import Message, MessageBus
 from vsense.monitor.recording import _senses, form
@@ -310,7 +310,7 @@ def leds_of(robots: Mapping[int, RobotStatus]) -> dict[int, int]:
 
 
 def _arena(step: Step) -> Data:
-    return {**arena_data(step.state), "run_timestep": step.run_timestep}
+    return {**step.state.data(), "run_timestep": step.run_timestep}
 
 
 def silence_s(age_ns: int) -> float:
