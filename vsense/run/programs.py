@@ -147,10 +147,9 @@ class Programs:
                 tags = [tag for tag, name in controllers.items() if name == spec.id]
                 params = {tag: spec.params_for(names[tag]) for tag in tags}
                 opened = (openers or {}).get(spec.id) or kind_of(spec.program).open
-                table, library = tables[spec.id], libraries[spec.id]
-                setup = ProgramSetup(library, tags, table, step_ns, seed, params, own)
+                given = libraries[spec.id], tags, tables[spec.id], step_ns, seed, params, own
                 with loading(note, number):
-                    self._parts.append((number, rows, self._embodied(opened(setup))))
+                    self._parts.append((number, rows, self._embodied(opened(ProgramSetup(*given)))))
 
     def _embodied(self, program: Program) -> Program:
         """A program that knows what its robots are, all of one model."""

@@ -171,9 +171,8 @@ class Homing:
 
     def _update_poses(self, state: ArenaState, now_ns: int) -> None:
         rows = state.robots[state.robots["seen"]]
-        for tag, x_m, y_m, yaw_rad in zip(
-            *(rows[name].tolist() for name in ("tag", "x_m", "y_m", "yaw_rad"))
-        ):
+        columns = (rows[name].tolist() for name in ("tag", "x_m", "y_m", "yaw_rad"))
+        for tag, x_m, y_m, yaw_rad in zip(*columns):
             pose = Pose(x_m, y_m, yaw_rad)
             robot = self.robots.get(tag) or self._bystanders.get(tag)
             if robot is None:
@@ -196,9 +195,8 @@ class Homing:
         trouble = robot.lasting(reported, now_ns)
         if trouble is Trouble.NONE and (robot.pose is None or now_ns - robot.seen_ns > LOST_NS):
             trouble = Trouble.UNSEEN
-        if trouble is Trouble.NONE and robot.trouble is Trouble.BLOCKED:
-            return
-        if trouble is robot.trouble:
+        stays_blocked = trouble is Trouble.NONE and robot.trouble is Trouble.BLOCKED
+        if stays_blocked or trouble is robot.trouble:
             return
         before, robot.trouble = robot.trouble, trouble
         robot.since = None
