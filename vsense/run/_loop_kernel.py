@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from vsense.base.arena import Floats
 from vsense.base.errors import VsenseError
-from vsense.base.native import kernel_ffi, kernels, lib
+from vsense.base.native import kernel_ffi, kernels, lib, pointer
 from vsense.robots.loop_library import CALL, FUNCTIONS, LoopAddress
 from vsense.world.fields import OPAQUE, Floor
 from vsense.world.world import World
@@ -49,7 +49,7 @@ class LoopKernel:
         self._owners, self.note = hears, note
         members = {
             "call": kernel_ffi.cast(CALL, address.call),
-            "note": kernel_ffi.cast("uint32_t *", note.ctypes.data),
+            "note": pointer("uint32_t", note),
             "numbers": [address.first_number + FUNCTIONS.index(name) for name in names],
             "answers": 1,
             "hear": hears,
@@ -83,10 +83,8 @@ class LoopKernel:
         colors, places = world.led_colors, np.empty((len(world.robots), 3))
         self._world = world.sightings, places, colors, told
         self.cdata.world = world.sightings.cdata
-        self.cdata.places = kernel_ffi.from_buffer("double[]", places)
-        self.cdata.colors, self.cdata.told = (
-            kernel_ffi.from_buffer("uint8_t[]", array) for array in (colors, told)
-        )
+        self.cdata.places = pointer("double", places)
+        self.cdata.colors, self.cdata.told = (pointer("uint8_t", array) for array in (colors, told))
         self.cdata.color_bytes = colors.nbytes
         return self.cdata
 

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vsense.base.arena import Floats
-from vsense.base.native import kernel_ffi, kernels
+from vsense.base.native import kernel_ffi, kernels, pointer
 from vsense.base.xml.element import Element
 from vsense.world.actuators.base import (
     ApplyFunction,
@@ -66,7 +66,7 @@ class LedsActuator:
         return self._function(world, rows_of(world, robots))
 
     def _function(self, world: World, rows: RowNumbers) -> ApplyFunction:
-        arrays = rows_in_c(rows), kernel_ffi.from_buffer("uint8_t[]", world.leds)
+        arrays = rows_in_c(rows), pointer("uint8_t", world.leds)
         shine = kernel_ffi.new("struct vs_shine *", (len(rows), *arrays))
         return ApplyFunction(kernels, "vs_shine_show", shine, owner=arrays)
 
@@ -102,7 +102,7 @@ class SingleLedsActuator:
         return self._function(world, rows_of(world, robots))
 
     def _function(self, world: World, rows: RowNumbers) -> ApplyFunction:
-        shown = (kernel_ffi.from_buffer("uint8_t[]", a) for a in (world.led_colors, world.leds))
+        shown = (pointer("uint8_t", a) for a in (world.led_colors, world.leds))
         arrays = rows_in_c(rows), *shown
         parts = world.led_colors.shape[1], self.first, self.count, self.switches
         lamps = kernel_ffi.new("struct vs_lamps *", (len(rows), *arrays, *parts))

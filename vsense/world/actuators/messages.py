@@ -17,7 +17,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from vsense.base.arena import Floats
-from vsense.base.native import kernel_ffi, kernels
+from vsense.base.native import kernel_ffi, kernels, pointer
 from vsense.base.xml.element import Element
 from vsense.world.actuators.base import ApplyFunction, RowNumbers, apply_in_c, rows_in_c
 from vsense.world.sensors.base import Robots, Scope
@@ -62,7 +62,7 @@ class MessagesActuator:
 
     def _function(self, world: World, rows: RowNumbers) -> ApplyFunction:
         own = rows_in_c(rows)
-        messages = kernel_ffi.cast("struct vs_message *", world.messages.ctypes.data)
+        messages = pointer("struct vs_message", world.messages)
         members = len(rows), own, messages, self.size, self.range_m
         speech = kernel_ffi.new("struct vs_speech *", members)
         return ApplyFunction(kernels, "vs_speech_set", speech, owner=(own, world.messages))

@@ -24,7 +24,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from vsense.base.native import kernel_ffi, kernels
+from vsense.base.native import kernel_ffi, kernels, pointer
 from vsense.base.xml.element import Element
 from vsense.world.sensors import _places
 from vsense.world.sensors.base import ReadFunction, Readings, Robots, Scope
@@ -60,7 +60,7 @@ class DestinationSensor:
     def _kernel(self, world: World, robots: Robots) -> ReadFunction:
         nowhere = math.nan, math.nan, math.nan  # the robot is there
         poses = [pose or nowhere for pose in self._poses(world, robots)]
-        rows = kernel_ffi.from_buffer("double[]", np.array(poses, dtype=np.float64).reshape(-1, 3))
+        rows = pointer("double", np.array(poses, dtype=np.float64).reshape(-1, 3))
         destinations = kernel_ffi.new("struct vs_destinations *", (rows,))
         return ReadFunction(kernels, "vs_destinations_read", destinations, owner=rows)
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vsense.base.arena import POSE, Floats, Point, wrap_angle
-from vsense.base.native import check, kernel_ffi, kernels
+from vsense.base.native import check, kernel_ffi, kernels, pointer
 from vsense.base.xml.element import Element
 from vsense.world.fields import Floor
 from vsense.world.rays import MovingBodies
@@ -112,7 +112,7 @@ class SensedScene:
         self.cdata.lights, self.cdata.lights_count = lights.cdata, len(lights)
         if rows is not None:
             self._own = np.ascontiguousarray(rows, dtype=np.int32)
-            self.cdata.own = kernel_ffi.from_buffer("int32_t[]", self._own)
+            self.cdata.own = pointer("int32_t", self._own)
         if bodies is not None:
             self.cdata.obstacles = bodies.cdata
 
@@ -172,7 +172,7 @@ def read_in_c(kernel: ReadFunction, world: World, robots: Robots, count: int) ->
     readings = np.empty((len(robots), count))
     bodies = world.bodies() if kernel.bodies else None
     scene = SensedScene(world, robots, rows_of(world, robots), bodies)
-    given = kernel_ffi.from_buffer("double[]", readings)
+    given = pointer("double", readings)
     code = getattr(kernel.library, kernel.name)(kernel.cdata, scene.cdata, given)
     world.floor.check()
     check(code, "lines of sight")

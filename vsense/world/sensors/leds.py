@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from vsense.base.arena import Floats
-from vsense.base.native import kernel_ffi, kernels
+from vsense.base.native import kernel_ffi, kernels, pointer
 from vsense.base.xml.element import Element
 from vsense.world.sensors.base import ReadFunction, Readings, Robots, Scope
 from vsense.world.sensors.geometry import Reach, blob_scale, read_in_c, without_empty
@@ -57,7 +57,7 @@ class LedSensor:
     def _as_c(self, world: World) -> Any:
         """Makes the `struct vs_leds *`; it holds until an entity changes."""
         struct: Any = kernel_ffi.new("struct vs_leds *")
-        struct.colors = kernel_ffi.cast("const uint8_t *", world.leds.ctypes.data)
+        struct.colors = pointer("uint8_t", world.leds)
         struct.world = world.sightings.cdata
         struct.range_m, struct.view_rad = self.reach.range_m, self.reach.field_of_view_rad
         struct.occlusions = self.reach.height_m is not None

@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 
 from vsense.base.arena import Floats
-from vsense.base.native import kernel_ffi, kernels, random_in_c
+from vsense.base.native import kernel_ffi, kernels, pointer, random_in_c
 from vsense.base.xml.element import Element
 from vsense.world.entities import Box, Cylinder
 from vsense.world.robot_models import EPUCK
@@ -94,11 +94,11 @@ class OmnidirectionalCamera:
         room = min(leds * (len(robots) if is_noisy else 1), _MOST_NOTICED)
         seen = np.empty((room, _NOTICED_BYTES), dtype=np.uint8)
         arrays: dict[str, Any] = {
-            "colors": kernel_ffi.from_buffer("uint8_t[]", world.led_colors),
-            "leds_m": kernel_ffi.from_buffer("double[]", leds_m),
+            "colors": pointer("uint8_t", world.led_colors),
+            "leds_m": pointer("double", leds_m),
             "random": random_in_c(world.random, is_noisy),
             "lit": kernel_ffi.new(f"struct vs_lit[{leds + 1}]", still),
-            "seen": kernel_ffi.from_buffer("struct vs_noticed[]", seen),
+            "seen": pointer("struct vs_noticed", seen),
             "nearest": kernel_ffi.new("struct vs_noticed[]", self.max_blobs),
             "counts": kernel_ffi.new("uint32_t[]", len(robots) + 1),
         }

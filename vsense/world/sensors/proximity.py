@@ -42,7 +42,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.native import kernel_ffi, kernels
+from vsense.base.native import kernel_ffi, kernels, pointer
 from vsense.base.xml.element import Element
 from vsense.world._model_file import CURVES
 from vsense.world.entities import Box, Cylinder
@@ -119,7 +119,7 @@ class ProximitySensor:
             fan = self.field_of_view_rad / 2.0 * np.linspace(-1.0, 1.0, _RAYS)
         lines = np.array(self.seat.lines_m).ravel()
         arrays = np.ascontiguousarray(self.ring.places_rad), fan, lines
-        places_rad, fan_rad, lines_m = (kernel_ffi.from_buffer("double[]", a) for a in arrays)
+        places_rad, fan_rad, lines_m = (pointer("double", a) for a in arrays)
         members = {
             "sensors": self.count,
             "rays": len(fan),

@@ -33,7 +33,7 @@ from typing import Any
 import numpy as np
 
 from vsense.base.arena import Floats
-from vsense.base.native import kernel_ffi, kernels, random_in_c
+from vsense.base.native import kernel_ffi, kernels, pointer, random_in_c
 from vsense.base.xml.element import Element
 from vsense.world.robot_models import EPUCK
 from vsense.world.sensors.base import ReadFunction, Readings, Robots, Scope
@@ -96,7 +96,7 @@ class RangeAndBearingSensor:
         occlusions = self.reach.height_m is not None
         room = len(robots) * self.max_messages + 1
         arrays: dict[str, Any] = {
-            "messages": kernel_ffi.cast("struct vs_message *", world.messages.ctypes.data),
+            "messages": pointer("struct vs_message", world.messages),
             "random": random_in_c(world.random, normal),
             "places_m": kernel_ffi.new("double[]", 3 * len(world.robots)),
             "heard": kernel_ffi.new("struct vs_noticed[]", room),
