@@ -42,7 +42,7 @@ from vsense.run.robots import (
 )
 from vsense.run.runner import Runner
 from vsense.run.runtime import Runtime, Step
-from vsense.run.verdict import RunRecord, VoidCriteria, judge
+from vsense.run.verdict import RunRecord, VoidCriteria
 from vsense.run.watch import ArenaSource
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.cameras.grabber import Troubles
@@ -304,7 +304,7 @@ class ExperimentSession(ABC):
     def judge(self, record: RunRecord) -> None:
         """Has page, recording and terminal know whether the run that is over is valid."""
         if record.timesteps:
-            self.setup.room.judge(judge(record, self.setup.criteria).facts())
+            self.setup.room.judge(record.judge(self.setup.criteria).facts())
 
     def next_run(self) -> None:
         """Goes back to before the start of the next run, whose seed is one more."""

@@ -19,7 +19,7 @@ from vsense.run.figures import Figures
 from vsense.run.homing.starts import Starts
 from vsense.run.robots import Readiness, battery_words, low_batteries
 from vsense.run.runs_csv import RunRow, row_of, utc
-from vsense.run.verdict import VOID, RunRecord, is_by_people, judge
+from vsense.run.verdict import VOID, RunRecord, is_by_people
 from vsense.studies.series._order import PlannedRun
 from vsense.studies.series._parts import PlannedExperiment, SeriesCast
 from vsense.studies.series._plan import SeriesPlan
@@ -157,7 +157,7 @@ class StagedRun:
         mode, name = self.plan.mode, self.experiment.name
         if summary is None or self.figures is None:
             row = RunRow(run="", mode=mode, experiment=name, condition="")
-            why = judge(RunRecord(ended=ended, timesteps=False), self.plan.void).why
+            why = RunRecord(ended=ended, timesteps=False).judge(self.plan.void).why
             row = replace(row, verdict=VOID, why=why)
             return RunOutcome(row, ended, halt_reason(ended, control))
         row, witness = row_of(summary, mode, self.experiment, ""), self.figures.witness
