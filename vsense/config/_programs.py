@@ -16,7 +16,8 @@ from vsense.base.xml.element import Element, shown
 from vsense.config import argos
 from vsense.config.devices import Devices
 from vsense.robots import finding
-from vsense.robots.build import BuildError, cache_directory, source_tree
+from vsense.robots.build import cache_directory, source_tree
+from vsense.robots.compiling import BuildError
 from vsense.robots.sources import (
     ARGOS_PAGE,
     CONTROLLER,

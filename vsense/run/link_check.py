@@ -20,8 +20,8 @@ from vsense.base.clock import host_ns
 from vsense.base.terminal import aligned, figure
 from vsense.config.specs import ControllerSpec
 from vsense.robots.link.keys import LinkTrust
-from vsense.robots.link.server import LinkError, LinkEvent, VirtualSensorServer
-from vsense.robots.link.status import LinkFigures, RobotStatus
+from vsense.robots.link.server import VirtualSensorServer
+from vsense.robots.link.status import LinkError, LinkEvent, LinkFigures, RobotStatus
 from vsense.robots.link.table import Direction, Entry, ExpectedRobot, Table
 from vsense.robots.link.wire import GoodbyeCause, ReadingValues, Wanted
 

@@ -15,8 +15,8 @@ from vsense.config.specs import Experiment
 from vsense.robots.link.keys import LinkTrust
 from vsense.robots.link.legacy.protocol import LegacySwarm, by_octet, translations
 from vsense.robots.link.legacy.server import MixedServer
-from vsense.robots.link.server import LinkEvent, VirtualSensorServer
-from vsense.robots.link.status import RobotStatus
+from vsense.robots.link.server import VirtualSensorServer
+from vsense.robots.link.status import LinkEvent, RobotStatus
 from vsense.robots.link.table import BRING, ExpectedRobot, Table
 from vsense.robots.link.wire import StopCause, Telemetry
 from vsense.run.programs import told_programs

@@ -22,8 +22,8 @@ from vsense.monitor.ui.messages import ExperimentFacts
 from vsense.monitor.ui.room import ControlRoom
 from vsense.robots.link.keys import LinkTrust
 from vsense.robots.link.legacy.server import MixedServer
-from vsense.robots.link.server import LinkEvent, VirtualSensorServer
-from vsense.robots.link.status import EventKind, RobotStatus
+from vsense.robots.link.server import VirtualSensorServer
+from vsense.robots.link.status import EventKind, LinkEvent, RobotStatus
 from vsense.robots.link.wire import GoodbyeCause
 from vsense.run.cast import Cast, parts_of, recast, spares_for
 from vsense.run.changes import Changes
