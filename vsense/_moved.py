@@ -80,6 +80,8 @@ TABLE = {
     "physics": "world.physics",
     "physics.wheel_noise": "world.physics.motion",
     "pictures": "monitor.pictures",
+    "pictures.arena_view": "monitor.pictures.views",
+    "pictures.camera_view": "monitor.pictures.views",
     "pictures.canvas": "base.canvas",
     "pictures.run_cameras": "monitor.pictures.run_figure",
     "pictures.world_snapshot": "monitor.pictures.run_samples",
