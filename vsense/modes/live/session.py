@@ -35,7 +35,6 @@ from vsense.run.homing.starts import Starts, say_end, say_next
 from vsense.run.robots import (
     Readiness,
     RunBatteries,
-    battery_words,
     expected_robots,
     low_batteries,
     make_server,
@@ -240,9 +239,8 @@ class ExperimentSession(ABC):
     def _leave_out_low(self) -> None:
         """Has those whose batteries are low rest in the run, and says who they are."""
         low = low_batteries(self.runner.robots, self.setup.battery_v)
-        for tag, volts in low.items():
-            words = f"robot {tag} {battery_words(volts)}: it stands in this run"
-            self.setup.console.say(words, "warning")
+        for tag, words in low.items():
+            self.setup.console.say(f"robot {tag} {words}: it stands in this run", "warning")
         self.resting = tuple(self.runner.robots[tag].name for tag in low)
         self.server.rest(low)
 
@@ -277,7 +275,7 @@ class ExperimentSession(ABC):
         if isinstance(self.server, MixedServer):
             return
         low = low_batteries(self.runner.robots, self.setup.battery_v)
-        reasons = {tag: f"robot {tag} {battery_words(volts)}" for tag, volts in low.items()}
+        reasons = {tag: f"robot {tag} {words}" for tag, words in low.items()}
         self._cast.ask_for_spares(reasons, self.setup.console.say)
 
     def _recast(self, pair: Pair) -> None:
