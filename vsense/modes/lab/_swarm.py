@@ -26,7 +26,7 @@ from vsense.modes.lab._metrics import UNKNOWN_AGE
 from vsense.modes.lab.hardware import EmulatedRadio
 from vsense.robots import build
 from vsense.robots.crashes import words_of_log
-from vsense.robots.link.keys import KeySource, robot_file, write_private
+from vsense.robots.link.keys import KeySource, who_options
 
 CLOCK_OFFSET_NS = 3_600_000_000_000
 """Every robot's clock is off by up to an hour ..."""
@@ -196,20 +196,13 @@ class LabSwarm:
     def _key_file(self, robot: LabRobot) -> Path:
         return self._directory / f"{robot.tag}.key"
 
-    def _who(self, robot: LabRobot) -> list[str]:
-        """The options that say who a robot is; writes its key's file."""
-        uid = hashlib.sha256(f"vsense lab robot {robot.tag}".encode()).digest()[:16]
-        if self._keys is None:
-            return ["--uid", uid.hex(), "--insecure"]
-        file = self._key_file(robot)
-        write_private(file, robot_file(uid, self._keys.robot_key(uid)), 0o600)
-        return ["--key", str(file.resolve())]
-
     def _command(self, robot: LabRobot) -> list[str]:
+        uid = hashlib.sha256(f"vsense lab robot {robot.tag}".encode()).digest()[:16]
+        who = who_options(uid, self._keys, self._key_file(robot))
         return [
             str(robot.daemon),
             *("--host", self._host, "--port", str(self._port)),
-            *("--tag", str(robot.tag), "--name", robot.name, *self._who(robot)),
+            *("--tag", str(robot.tag), "--name", robot.name, *who),
             *("--base", robot.base, "--trace", str(robot.trace.resolve())),
             # This machine's own radio is no robot's.
             *("--radio", str(self.radio_file(robot.tag).resolve())),

@@ -20,7 +20,7 @@ from vsense.config.roster import Roster, RosterRobot, read
 from vsense.config.specs import Experiment, RobotSpec
 from vsense.robots import build
 from vsense.robots.drivers import Driver
-from vsense.robots.link.keys import KeySource, robot_file, write_private
+from vsense.robots.link.keys import KeySource, who_options
 
 AGAIN_NS = 2_000_000_000
 """From the start of a daemon that has ended to the next one's."""
@@ -112,11 +112,8 @@ class OwnDaemons:
             settings["battery-stop-mv"] = stop_mv
         words = [word for name, value in settings.items() for word in (f"--{name}", value)]
         uid = bytes.fromhex(known.uid) if known.uid else _uid(robot.tag)
-        if self._keys is None:
-            return [str(daemon), *words, "--uid", uid.hex(), "--insecure"]
         file = Path(self._folder.name) / f"{robot.tag}.key"
-        write_private(file, robot_file(uid, self._keys.robot_key(uid)), 0o600)
-        return [str(daemon), *words, "--key", str(file)]
+        return [str(daemon), *words, *who_options(uid, self._keys, file)]
 
 
 def _reached(experiment: Experiment, roster: Roster) -> dict[int, RosterRobot]:

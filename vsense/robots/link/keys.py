@@ -97,6 +97,20 @@ def robot_file(uid: bytes, key: bytes) -> str:
     return f"uid = {uid.hex()}\nkey = {key.hex()}\n"
 
 
+def who_options(uid: bytes, keys: KeySource | None, file: Path) -> list[str]:
+    """The options that say to a `vsensed` on this machine who it is; writes its key's file.
+
+    `keys` None: there are none.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
+    if keys is None:
+        return ["--uid", uid.hex(), "--insecure"]
+    write_private(file, robot_file(uid, keys.robot_key(uid)), 0o600)
+    return ["--key", str(file.resolve())]
+
+
 def make() -> SwarmKeys:
     """A new swarm's first key."""
     return SwarmKeys({1: secrets.token_bytes(SWARM_KEY_BYTES)})
