@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -259,6 +259,25 @@ def _covariances(covariances: NDArray[np.float64]) -> list[list[float] | None]:
     finite = np.asarray(np.isfinite(covariances).all(axis=(1, 2))).tolist()
     flat = covariances.reshape(len(covariances), 9).tolist()
     return [row if sure else None for row, sure in zip(flat, finite)]
+
+
+def from_sides_m(corners: ArrayLike, points: ArrayLike) -> tuple[Floats, NDArray[np.bool_]]:
+    """How far points (..., 2) are from the nearest side of a polygon (k, 2), and whether in it.
+
+    The distance of what is no place is no number.
+    """
+    begins = np.asarray(corners, dtype=np.float64)
+    sides = np.roll(begins, -1, axis=0) - begins
+    away = np.asarray(points, dtype=np.float64)[..., np.newaxis, :] - begins
+    with np.errstate(invalid="ignore"):
+        lengths2 = np.maximum((sides**2).sum(axis=-1), 1e-300)
+        share = np.clip((away * sides).sum(axis=-1) / lengths2, 0.0, 1.0)
+        distance = np.linalg.norm(away - share[..., np.newaxis] * sides, axis=-1).min(axis=-1)
+        # A side that a ray to +x crosses goes up and has the point on its left, or the reverse.
+        up = away[..., 1] < sides[:, 1]
+        left = sides[:, 0] * away[..., 1] - sides[:, 1] * away[..., 0] > 0.0
+        crossed = ((away[..., 1] < 0.0) != up) & (left == up)
+    return np.asarray(distance), np.asarray(crossed.sum(axis=-1) % 2 == 1)
 
 
 _UPPER = np.triu_indices(3)
