@@ -8,17 +8,16 @@ import os
 import shutil
 import subprocess
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import NoReturn
 
-import numpy as np
 import pytest
 from hypothesis import settings
 
 from vsense.base import clock
-from vsense.base.arena import POSE, ArenaState
+from vsense.base.arena import ArenaState
 from vsense.base.errors import pip_line
 from vsense.robots import boards, build
 
@@ -231,13 +230,6 @@ States = Callable[..., ArenaState]
 def state() -> States:
     """Makes an arena state: `places` by tag, all seen now but those in `lost`."""
 
-    def make(
-        places: Mapping[int, Place], capture_ns: int, lost: frozenset[int] = frozenset()
-    ) -> ArenaState:
-        robots = np.zeros(len(places), dtype=POSE)
-        for row, (tag, place) in zip(robots, sorted(places.items())):
-            row["tag"], row["seen"], row["capture_ns"] = tag, tag not in lost, capture_ns
-            row["x_m"], row["y_m"], row["yaw_rad"] = place
-        return ArenaState(capture_ns // 10**8, capture_ns, robots, len(places) - len(lost))
+    from tests.world.sensors.scenes import arena_state  # with the world, which few tests need
 
-    return make
+    return arena_state

@@ -1,6 +1,6 @@
 """The sentences of the reference: what each element and attribute means, and which are asked for.
 
-Where they come from: `vsense/config/sentences.py`.
+Where they come from: `vsense/tools/shipped/_sentences.py`.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from types import ModuleType
 
 from scripts.site.observing import Asked
 from vsense.config.devices import factories, of_argos
-from vsense.config.sentences import explanations, places
+from vsense.tools.shipped._sentences import explanations, places
 
 DEVICES = ("sensors", "actuators")
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 
-from vsense.config.sentences import SCHEMA, documentation
+from vsense.tools.shipped._sentences import SCHEMA, documentation
 
 _XS = "{http://www.w3.org/2001/XMLSchema}"
 

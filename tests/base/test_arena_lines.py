@@ -9,8 +9,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vsense.base import arena
-from vsense.base.arena import IMAGE_POSE, POSE, SIGHTING, ArenaState
+from vsense.base.arena import CSV_HEADER, IMAGE_POSE, POSE, SIGHTING, ArenaState
 
 NUMBERS = st.floats(-1e4, 1e4)
 ROBOTS = st.lists(
@@ -43,13 +42,13 @@ def test_both_formats_say_the_same_as_the_state(
 ) -> None:
     poses = poses_of(robots)
     state = ArenaState(timestep, capture_ns, poses, len(poses), 2, tuple(sorted(twice)))
-    line = arena.to_json(state)
+    line = state.to_json()
     assert "\n" not in line
     said = json.loads(line)
     assert (said["timestep"], said["capture_ns"]) == (timestep, capture_ns)
     assert (said["detected"], said["unnamed"]) == (len(poses), 2)
     assert said["duplicates"] == sorted(twice)
-    text = f"{arena.CSV_HEADER}\n{arena.to_csv(state)}\n"
+    text = f"{CSV_HEADER}\n{state.to_csv()}\n"
     rows = list(csv.DictReader(text.splitlines()))
     assert len(said["robots"]) == len(rows) == len(poses)
     for pose, robot, row in zip(poses, said["robots"], rows):
@@ -66,8 +65,8 @@ def test_where_nobody_can_tell_the_error_nothing_is_said_of_it() -> None:
     poses = np.zeros(1, dtype=POSE)
     poses["covariance"] = np.nan
     state = ArenaState(3, 4, poses, 1)
-    assert json.loads(arena.to_json(state))["robots"][0]["covariance"] is None
-    assert arena.to_csv(state).endswith(",,,,,,")
+    assert json.loads(state.to_json())["robots"][0]["covariance"] is None
+    assert state.to_csv().endswith(",,,,,,")
 
 
 def test_what_each_camera_sees_is_told_by_its_id() -> None:
@@ -76,19 +75,19 @@ def test_what_each_camera_sees_is_told_by_its_id() -> None:
     images = np.zeros(3, dtype=IMAGE_POSE)
     images["tag"], images["camera"], images["x_px"] = (5, 7, 5), (0, 0, 1), (10.0, 20.0, 30.004)
     state = ArenaState(3, 4, poses, 2, joined=(7,), cameras=("left", "right"), images=images)
-    said = json.loads(arena.to_json(state))
+    said = json.loads(state.to_json())
     five, seven = (robot["images"] for robot in said["robots"])
     assert said["joined"] == [7] and list(seven) == ["left"]
     assert five["left"] == {"x_px": 10.0, "y_px": 0.0, "yaw_px_rad": 0.0}
     assert five["right"]["x_px"] == 30.0
     twice = ArenaState(3, 4, poses, 2, 0, (5,), cameras=("left", "right"), images=images)
-    assert json.loads(arena.to_json(twice))["robots"][0]["images"] == {}
+    assert json.loads(twice.to_json())["robots"][0]["images"] == {}
 
 
 def test_a_tag_that_is_there_twice_is_told_with_both_places() -> None:
     sightings = np.array([(5, 0.1, 0.2, 0.3), (5, 1.0, 2.0, 3.0), (9, 0, 0, 0)], dtype=SIGHTING)
     state = ArenaState(3, 4, np.zeros(0, dtype=POSE), 2, 0, (5,), sightings)
-    said = json.loads(arena.to_json(state))
+    said = json.loads(state.to_json())
     assert said["duplicates"] == [5]
     assert said["duplicate_sightings"] == [
         {"tag": 5, "x_m": 0.1, "y_m": 0.2, "yaw_rad": 0.3},
@@ -98,5 +97,5 @@ def test_a_tag_that_is_there_twice_is_told_with_both_places() -> None:
 
 def test_a_state_without_robots_is_a_line_of_json_and_none_of_csv() -> None:
     state = ArenaState(3, 4, np.zeros(0, dtype=POSE), 0)
-    assert json.loads(arena.to_json(state))["robots"] == []
-    assert arena.to_csv(state) == ""
+    assert json.loads(state.to_json())["robots"] == []
+    assert state.to_csv() == ""

@@ -23,7 +23,7 @@ from vsense.base.terminal import aligned
 from vsense.config.specs import Pose
 from vsense.robots import build
 from vsense.robots.build import SHIPPED_CONTROLLER
-from vsense.robots.inprocess import CompiledProgram
+from vsense.robots.inprocess import CompiledProgram, ProgramSetup
 from vsense.robots.link.table import Goal, Table
 from vsense.run.homing._homing import Homing
 from vsense.run.homing.floor import DrivingFloor
@@ -125,7 +125,7 @@ class HomingField:
         self.factors = 1.0 + self.random.uniform(-WHEELS, WHEELS, (robots, 2))
         library = build.shared(SHIPPED_CONTROLLER)
         self.minds = [
-            CompiledProgram(library, [tag], Table(), _TIMESTEP_NS, seed, "")
+            CompiledProgram(ProgramSetup(library, [tag], Table(), _TIMESTEP_NS, seed, ""))
             for tag in range(robots)
         ]
         arena = Arena((*ARENA_M, 1.0), (0.0, 0.0, 0.0))

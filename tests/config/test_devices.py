@@ -18,8 +18,8 @@ from vsense.config.experiment import load, read
 from vsense.config.placement import settle
 from vsense.config.specs import ControllerSpec, Experiment, Stage
 from vsense.modes.lab import _physics_process, _physics_spec
-from vsense.run._own_devices import OwnDevices
 from vsense.run.environment import Environment
+from vsense.run.remote import OwnDevices
 from vsense.world.entities import Box, Led
 from vsense.world.physics.motion import NoisyWheels
 from vsense.world.robot_models import EPUCK

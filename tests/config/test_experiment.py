@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.config.tables import attributes
+from tests.config.tables import any_change
 from tests.rigs.places import ROOT
 from vsense import cli
 from vsense.base.errors import ConfigError, UsageError
@@ -206,16 +206,7 @@ def test_a_wrong_value_is_refused_with_what_was_expected(
 def test_any_change_gives_an_experiment_or_one_error_with_its_place(
     read_text: Read, example: str, data: st.DataObject
 ) -> None:
-    attribute = data.draw(st.sampled_from(attributes(example)))
-    characters = st.characters(
-        exclude_categories=("Cc", "Cs"), exclude_characters='<&"\ufffe\uffff'
-    )
-    words = st.text(characters, max_size=20) | st.floats().map(repr) | st.integers().map(str)
-    value = data.draw(st.lists(words, max_size=4).map(",".join))
-    text = attribute.changed(example, value)
-    if data.draw(st.booleans()):
-        cut = data.draw(st.integers(0, len(text)))
-        text = text[:cut] + text[cut + data.draw(st.integers(0, 80)) :]
+    text = any_change(data, example)
     try:
         settle(read_text(text), 1)
     except ConfigError as error:

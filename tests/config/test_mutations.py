@@ -16,6 +16,7 @@ from tests.config.tables import (
     OPTIONAL,
     REQUIRED,
     Attribute,
+    any_change,
     at_the_original,
     attributes,
     elements,
@@ -170,13 +171,7 @@ def test_a_distributed_things_name_must_be_printable(read_full: Read, full: str,
 def test_any_change_gives_an_experiment_or_one_error_with_its_place(
     read_full: Read, full: str, data: st.DataObject
 ) -> None:
-    attribute = data.draw(st.sampled_from(attributes(full)))
-    letters = st.characters(exclude_categories=("Cc", "Cs"), exclude_characters='<&"\ufffe\uffff')
-    words = st.text(letters, max_size=20) | st.floats().map(repr) | st.integers().map(str)
-    text = attribute.changed(full, data.draw(st.lists(words, max_size=4).map(",".join)))
-    if data.draw(st.booleans()):
-        cut = data.draw(st.integers(0, len(text)))
-        text = text[:cut] + text[cut + data.draw(st.integers(0, 80)) :]
+    text = any_change(data, full)
     try:
         experiment = read_full(text)
         settle(experiment, 1)

@@ -40,8 +40,7 @@ from vsense.robots.link.wire import (
     packet_length,
 )
 from vsense.robots.python_swarm import OWN_COUNTS
-from vsense.run._own_devices import OwnDevices
-from vsense.run.remote import REMOTE_TABLE
+from vsense.run.remote import REMOTE_TABLE, OwnDevices
 from vsense.world.robot_models import model_of
 
 MS = 1_000_000

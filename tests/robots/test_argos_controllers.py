@@ -22,7 +22,7 @@ from vsense.config.specs import Stage
 from vsense.modes.sim._simulation import Simulation
 from vsense.robots import _argos_code, boards, build, finding
 from vsense.robots.compiling import BuildError
-from vsense.robots.inprocess import CompiledProgram, ControllerFailure
+from vsense.robots.inprocess import CompiledProgram, ControllerFailure, ProgramSetup
 from vsense.robots.link.table import Direction, Entry, Table
 from vsense.robots.link.wire import Wanted
 from vsense.robots.python_swarm import Leds
@@ -87,7 +87,9 @@ class Robot:
         ]
         told = f"vs:sensors={declared[0]}\nvs:actuators={declared[1]}\n{more}<=params\n"
         told += f"@file={file}\n{params}>=\nvs:id={ID}\n"
-        self.robots = CompiledProgram(library, [TAG], Table(entries), STEP_NS, 7, {TAG: told})
+        self.robots = CompiledProgram(
+            ProgramSetup(library, [TAG], Table(entries), STEP_NS, 7, {TAG: told})
+        )
         self.timestep = 0
         self.prox = [0] * 8
 

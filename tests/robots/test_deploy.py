@@ -35,7 +35,8 @@ from vsense.config.placement import settle
 from vsense.modes.lab._microcontrollers import Microcontrollers
 from vsense.robots import deploying
 from vsense.robots.link.keys import INSECURE
-from vsense.robots.link.server import LinkEvent, VirtualSensorServer
+from vsense.robots.link.server import VirtualSensorServer
+from vsense.robots.link.status import LinkEvent
 from vsense.robots.sources import ProgramSources
 from vsense.run.environment import Environment
 from vsense.run.robots import make_server

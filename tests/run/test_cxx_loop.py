@@ -28,7 +28,7 @@ from vsense.modes.sim.watch import simulate_all
 from vsense.robots import build
 from vsense.robots.sources import CodeOptions, ProgramSources
 from vsense.run import _loop_process
-from vsense.run._loop_floor import FloorPainter, LoopFloor
+from vsense.run._loop_kernel import FloorPainter, LoopFloor
 from vsense.run.cxx_loop import CxxLoopFunctions
 from vsense.run.environment import Environment
 from vsense.run.programs import shared_objects

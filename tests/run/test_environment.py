@@ -18,8 +18,8 @@ from vsense.config.experiment import load
 from vsense.monitor.ui import messages
 from vsense.robots.link.table import Direction, Entry, Table
 from vsense.robots.python_swarm import OWN_COUNTS
-from vsense.run._own_devices import OwnDevices
 from vsense.run.environment import Environment
+from vsense.run.remote import OwnDevices
 from vsense.world.sightings import NEVER_NS
 
 States = Callable[..., ArenaState]

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from vsense.run.verdict import RobotRecord, RunRecord, VoidCriteria, exit_code, judge, judged
+from vsense.run.verdict import RobotRecord, RunRecord, VoidCriteria, exit_code, judged
 
 PLAN = VoidCriteria(lost_s=5.0, moved_mm=30.0, fenced_s=0.5, late=0.01)
 NO_PLAN = VoidCriteria()
@@ -85,7 +85,7 @@ RUNS: list[tuple[dict[str, Any], VoidCriteria, str, str]] = [
 def test_what_was_not_as_the_file_describes_it(
     record: RunRecord, criteria: VoidCriteria, why: str, note: str
 ) -> None:
-    verdict = judge(record, criteria)
+    verdict = record.judge(criteria)
     assert (verdict.why, verdict.note) == (why, note)
 
 
@@ -99,7 +99,7 @@ def test_the_tables_above_have_every_way_in_which_a_run_can_differ() -> None:
 def test_all_reasons_stand_one_after_the_other_and_many_robots_are_counted() -> None:
     robots = [RobotRecord(name=f"r{n}", came=False) for n in range(8)]
     record = RunRecord(ended="stopped by ben", robots=robots, unseen=["lamp"])
-    assert judge(record, NO_PLAN).why == (
+    assert record.judge(NO_PLAN).why == (
         "stopped by ben before its end; r0 never came, r1 never came, r2 never came, r3 never came,"
         " r4 never came, r5 never came and 2 more; never seen: lamp"
     )

@@ -7,98 +7,35 @@ import re
 import signal
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
-import cv2
 import pytest
 
+from tests.system.cameras import NetworkCameras
 from tests.system.viewer import Viewer
-from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, render
+from tests.vision.tracking.synthetic import Robot
 from vsense.cli import main
-from vsense.monitor.recording.pictures import experiment_text, one_tracker, resources_text
-from vsense.vision.cameras.camera import Camera
-from vsense.vision.markers.families import load_family
 
-SIZE = (800, 600)
-CAMERAS = [Camera.looking_down(n, x, 0.0, 2.4, 1600.0, SIZE) for n, x in (("a", -0.2), ("b", 0.2))]
 ROBOTS = [Robot(700, -0.1, 0.1, 0.5), Robot(52447, 0.1, -0.1, -2.0), Robot(31, 0.4, 0.2, 1.0)]
 
 
-class Cameras(ThreadingHTTPServer):
-    """Two cameras on the network; the second one can be switched off."""
-
-    daemon_threads = True
-
-    def __init__(self) -> None:
-        super().__init__(("127.0.0.1", 0), Page)
-        family = load_family("arrow4x4")
-        self.pictures = {
-            f"/{c.id}": bytes(cv2.imencode(".jpg", render(c, family, ROBOTS, Look()))[1])
-            for c in CAMERAS
-        }
-        self.off = threading.Event()
-
-
-class Page(BaseHTTPRequestHandler):
-    """A stream of pictures, until the camera is switched off or nobody looks any more."""
-
-    server: Cameras
-
-    def do_GET(self) -> None:
-        if self.path == "/b" and self.server.off.is_set():
-            self.send_error(404)
-            return
-        self.send_response(200)
-        self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
-        self.end_headers()
-        data = self.server.pictures[self.path]
-        head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(data)}\r\n\r\n"
-        try:
-            while not (self.path == "/b" and self.server.off.is_set()):
-                self.wfile.write(head.encode() + data + b"\r\n")
-                self.server.off.wait(0.02) if self.path == "/b" else threading.Event().wait(0.02)
-        except OSError:
-            return
-
-    def log_message(self, format: str, *args: object) -> None:
-        pass
+@pytest.fixture
+def network() -> Iterator[NetworkCameras]:
+    cameras = NetworkCameras(ROBOTS)
+    yield cameras
+    cameras.close()
 
 
 @pytest.fixture
-def network() -> Iterator[Cameras]:
-    server = Cameras()
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-    yield server
-    server.off.set()
-    server.shutdown()
-    server.server_close()
-
-
-@pytest.fixture
-def files(network: Cameras, tmp_path: Path) -> list[str]:
+def files(network: NetworkCameras, tmp_path: Path) -> list[str]:
     """The two files of a session with both cameras."""
-    heights = {robot.tag: HEIGHT_M for robot in ROBOTS}
-    trackers = one_tracker(CAMERAS, "arrow4x4", heights)
-    text = resources_text(CAMERAS, trackers)
-    for camera in CAMERAS:
-        (tmp_path / "cameras").mkdir(exist_ok=True)
-        (tmp_path / "cameras" / f"{camera.id}.json").write_text(camera.to_json())
-        url = f"http://127.0.0.1:{network.server_address[1]}/{camera.id}"
-        old = f'type="directory" path="pictures/{camera.id}"'
-        assert old in text
-        text = text.replace(old, f'type="camera" device="{url}"')
-        text = text.replace(f'\n             timestamps="pictures/{camera.id}/timestamps.csv"', "")
-    (tmp_path / "resources.xml").write_text(text)
-    (tmp_path / "experiment.xml").write_text(experiment_text(CAMERAS, trackers))
-    return [str(tmp_path / "resources.xml"), str(tmp_path / "experiment.xml")]
+    return [*network.files(tmp_path)]
 
 
 @pytest.mark.system
 def test_a_camera_that_dies_is_told_and_the_rest_goes_on_until_ctrl_c(
-    network: Cameras, files: list[str]
+    network: NetworkCameras, files: list[str]
 ) -> None:
     command = [sys.executable, "-m", "vsense", "track", *files]
     with subprocess.Popen(
@@ -109,7 +46,7 @@ def test_a_camera_that_dies_is_told_and_the_rest_goes_on_until_ctrl_c(
         where = {robot["tag"]: (robot["x_m"], robot["y_m"]) for robot in both["robots"]}
         for robot in ROBOTS:
             assert where[robot.tag] == pytest.approx((robot.x_m, robot.y_m), abs=0.003)
-        network.off.set()
+        network.off.add("b")
         alone = next(
             s for s in map(json.loads, process.stdout)
             if {r["tag"]: r["seen"] for r in s["robots"]}.get(31) is False

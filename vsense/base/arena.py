@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -182,6 +182,54 @@ class ArenaState:
             raise KeyError(camera)
         return np.asarray(self.images[self.images["camera"] == self.cameras.index(camera)])
 
+    def data(self) -> dict[str, Any]:
+        """Gives its columns, unrounded.
+
+        A covariance is nine numbers row by row, or null where it is unknown.
+        """
+        return {
+            "timestep": self.timestep,
+            "capture_ns": self.capture_ns,
+            "robots": columns(self.robots),
+            "detected": self.detected,
+            "unnamed": self.unnamed,
+            "duplicates": list(map(int, self.duplicates)),
+            "joined": list(map(int, self.joined)),
+            "sightings": columns(self.sightings),
+            "cameras": list(self.cameras),
+            "images": columns(self.images),
+        }
+
+    def to_json(self) -> str:
+        """Gives one line without its end.
+
+        `robots` hold the fields of POSE by their names, `covariance` as six numbers, or null where
+        it is unknown; and in `images`, by the camera's id, where each camera sees the robot.
+        `duplicate_sightings` are all places of the tags in `duplicates`.
+        """
+        images = _images(self)
+        robots = [
+            _fields(row)
+            | {"covariance": _covariance(row), "images": images.get(int(row["tag"]), {})}
+            for row in self.robots
+        ]
+        values = {
+            "timestep": self.timestep,
+            "capture_ns": self.capture_ns,
+            "detected": self.detected,
+            "unnamed": self.unnamed,
+            "duplicates": [int(tag) for tag in self.duplicates],
+            "duplicate_sightings": _twins(self),
+            "joined": [int(tag) for tag in self.joined],
+            "robots": robots,
+        }
+        return json.dumps(values, separators=(",", ":"), allow_nan=False)
+
+    def to_csv(self) -> str:
+        """Gives one line per robot, without the last end; unknown covariances are empty cells."""
+        head = f"{self.timestep},{self.capture_ns},"
+        return "\n".join(head + ",".join(_cells(row)) for row in self.robots)
+
 
 def wrap_angle(angle_rad: NDArray[np.float64] | float) -> NDArray[np.float64]:
     """Returns the same angle in (-pi, pi] [rad], elementwise."""
@@ -199,25 +247,6 @@ def turned(
     return cos * places[:, 0] - sin * places[:, 1], sin * places[:, 0] + cos * places[:, 1]
 
 
-def arena_data(state: ArenaState) -> dict[str, Any]:
-    """Gives an arena state's columns, unrounded.
-
-    A covariance is nine numbers row by row, or null where it is unknown.
-    """
-    return {
-        "timestep": state.timestep,
-        "capture_ns": state.capture_ns,
-        "robots": columns(state.robots),
-        "detected": state.detected,
-        "unnamed": state.unnamed,
-        "duplicates": list(map(int, state.duplicates)),
-        "joined": list(map(int, state.joined)),
-        "sightings": columns(state.sightings),
-        "cameras": list(state.cameras),
-        "images": columns(state.images),
-    }
-
-
 def columns(rows: NDArray[np.void]) -> dict[str, list[Any]]:
     """Gives a list per field of a structured array (n,)."""
     return {
@@ -232,6 +261,25 @@ def _covariances(covariances: NDArray[np.float64]) -> list[list[float] | None]:
     return [row if sure else None for row, sure in zip(flat, finite)]
 
 
+def from_sides_m(corners: ArrayLike, points: ArrayLike) -> tuple[Floats, NDArray[np.bool_]]:
+    """How far points (..., 2) are from the nearest side of a polygon (k, 2), and whether in it.
+
+    The distance of what is no place is no number.
+    """
+    begins = np.asarray(corners, dtype=np.float64)
+    sides = np.roll(begins, -1, axis=0) - begins
+    away = np.asarray(points, dtype=np.float64)[..., np.newaxis, :] - begins
+    with np.errstate(invalid="ignore"):
+        lengths2 = np.maximum((sides**2).sum(axis=-1), 1e-300)
+        share = np.clip((away * sides).sum(axis=-1) / lengths2, 0.0, 1.0)
+        distance = np.linalg.norm(away - share[..., np.newaxis] * sides, axis=-1).min(axis=-1)
+        # A side that a ray to +x crosses goes up and has the point on its left, or the reverse.
+        up = away[..., 1] < sides[:, 1]
+        left = sides[:, 0] * away[..., 1] - sides[:, 1] * away[..., 0] > 0.0
+        crossed = ((away[..., 1] < 0.0) != up) & (left == up)
+    return np.asarray(distance), np.asarray(crossed.sum(axis=-1) % 2 == 1)
+
+
 _UPPER = np.triu_indices(3)
 _COVARIANCE = ("xx_m2", "xy_m2", "x_yaw_m_rad", "yy_m2", "y_yaw_m_rad", "yaw_yaw_rad2")
 _PLAIN = tuple(name for name in POSE.names or () if name != "covariance")
@@ -243,37 +291,6 @@ CSV_HEADER = ",".join(
 _DECIMALS = {"x_m": 5, "y_m": 5, "yaw_rad": 5, "speed_m_s": 4, "confidence": 3}
 _DIGITS = 3
 """Of a covariance."""
-
-
-def to_json(state: ArenaState) -> str:
-    """Gives one line without its end.
-
-    `robots` hold the fields of POSE by their names, `covariance` as six numbers, or null where it
-    is unknown; and in `images`, by the camera's id, where each camera sees the robot.
-    `duplicate_sightings` are all places of the tags in `duplicates`.
-    """
-    images = _images(state)
-    robots = [
-        _fields(row) | {"covariance": _covariance(row), "images": images.get(int(row["tag"]), {})}
-        for row in state.robots
-    ]
-    values = {
-        "timestep": state.timestep,
-        "capture_ns": state.capture_ns,
-        "detected": state.detected,
-        "unnamed": state.unnamed,
-        "duplicates": [int(tag) for tag in state.duplicates],
-        "duplicate_sightings": _twins(state),
-        "joined": [int(tag) for tag in state.joined],
-        "robots": robots,
-    }
-    return json.dumps(values, separators=(",", ":"), allow_nan=False)
-
-
-def to_csv(state: ArenaState) -> str:
-    """Gives one line per robot, without the last end; unknown covariances are empty cells."""
-    head = f"{state.timestep},{state.capture_ns},"
-    return "\n".join(head + ",".join(_cells(row)) for row in state.robots)
 
 
 def _twins(state: ArenaState) -> list[dict[str, float]]:

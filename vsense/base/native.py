@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 from numpy.random import _generator
+from numpy.typing import NDArray
 
 from vsense.base.errors import VsenseError
 
@@ -28,6 +29,7 @@ __all__ = [
     "kernel_ffi",
     "kernels",
     "lib",
+    "pointer",
     "random_in_c",
     "stale_files",
 ]
@@ -68,6 +70,11 @@ def check(code: int, what: str = "") -> int:
     if code < 0:
         raise WireError(code, what)
     return code
+
+
+def pointer(kind: str, array: NDArray[Any]) -> Any:
+    """A contiguous array as C's array of that kind, for `kernels`; it keeps the array."""
+    return kernel_ffi.from_buffer(f"{kind}[]", array)
 
 
 def random_in_c(random: np.random.Generator, normal: bool = False) -> Any:

@@ -59,6 +59,10 @@ def printable_json(text: str) -> str:
     return _JSON_ESCAPES.sub(lambda match: r"\\u" if match[0] == r"\u" else match[0], text)
 
 
+LONG_S = 2.0
+"""What takes longer is told while it goes on."""
+
+
 class Console:
     """One live line that is drawn over itself, and messages that scroll away above it.
 
@@ -130,30 +134,25 @@ class Console:
             self._stream.write(self._line)
         self._stream.flush()
 
+    @contextmanager
+    def patience(self, text: str) -> Iterator[None]:
+        """Says what is waited for, and for how long, where that is longer than `LONG_S`."""
+        over, begun_s = threading.Event(), time.monotonic()
 
-LONG_S = 2.0
-"""What takes longer is told while it goes on."""
+        def report() -> None:
+            wait_s = LONG_S
+            while not over.wait(wait_s):
+                self.progress(f"{text}: {time.monotonic() - begun_s:.0f} s")
+                wait_s = 1.0
 
-
-@contextmanager
-def patience(console: Console, text: str) -> Iterator[None]:
-    """Says what is waited for, and for how long, where that is longer than `LONG_S`."""
-    over, begun_s = threading.Event(), time.monotonic()
-
-    def report() -> None:
-        wait_s = LONG_S
-        while not over.wait(wait_s):
-            console.progress(f"{text}: {time.monotonic() - begun_s:.0f} s")
-            wait_s = 1.0
-
-    thread = threading.Thread(target=report, name="vsense-patience", daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        over.set()
-        thread.join()
-        console.end_progress()
+        thread = threading.Thread(target=report, name="vsense-patience", daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            over.set()
+            thread.join()
+            self.end_progress()
 
 
 LAST_S = 1.7
@@ -342,6 +341,11 @@ def spoken(name: str) -> str:
     if words and unit in _UNITS:
         return f"{words.replace('_', ' ')} [{unit}]"
     return name.replace("_", " ")
+
+
+def figure(value: float | None, unit: str = "", digits: int = 1, scale: float = 1.0) -> str:
+    """A number for people, which may be unknown."""
+    return "-" if value is None else f"{scale * value:.{digits}f}{unit}"
 
 
 def measure_rows(measures: Mapping[str, float]) -> list[tuple[str, str]]:

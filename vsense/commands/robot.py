@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 
 from vsense.base.errors import UsageError
-from vsense.base.terminal import Console, patience, print_data
+from vsense.base.terminal import Console, print_data
 from vsense.commands import (
     _arguments,
     _deployments,
@@ -216,7 +216,7 @@ def build(options: argparse.Namespace) -> int:
 
 def _compiled(program: ProgramSources, target: str, output: Path) -> Built:
     """Builds a daemon; says so where that takes long, as the first one for a target does."""
-    with patience(Console(), f"compiling {program.name} for {target} (minutes the first time)"):
+    with Console().patience(f"compiling {program.name} for {target} (minutes the first time)"):
         return boards.build(program, target, output)
 
 

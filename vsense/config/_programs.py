@@ -16,7 +16,8 @@ from vsense.base.xml.element import Element, shown
 from vsense.config import argos
 from vsense.config.devices import Devices
 from vsense.robots import finding
-from vsense.robots.build import BuildError, cache_directory, source_tree
+from vsense.robots.build import cache_directory, source_tree
+from vsense.robots.compiling import BuildError
 from vsense.robots.sources import (
     ARGOS_PAGE,
     CONTROLLER,
@@ -26,9 +27,6 @@ from vsense.robots.sources import (
     ProgramSources,
     content,
     folders,
-    labels,
-    registers,
-    registrations,
     stem_of,
 )
 from vsense.world.actuators.messages import MessagesActuator
@@ -58,18 +56,9 @@ def read(element: Element, folder: Path, code: CodeOptions) -> tuple[str, Progra
     except OSError as error:
         missing = shown(element.text("library", ""))
         raise element.error(f"{missing}: {error.strerror}", "library") from None
-    _check_label(element, program)
+    if wrong := program.without_label(element.name):
+        raise element.error(wrong)
     return library, program
-
-
-def _check_label(element: Element, program: ProgramSources) -> None:
-    """Raises ConfigError where other classes are registered and none for the element, as ARGoS."""
-    names = labels(program.sources, CONTROLLER)
-    plain = len(names) == sum(registrations(path, CONTROLLER) for path in program.sources)
-    if names and plain and element.name not in names:
-        where = ", ".join(path.name for path in program.sources if registers(path, CONTROLLER))
-        hint = instead(element.name, names)
-        raise element.error(f"no REGISTER_CONTROLLER in {where} names {element.name!r}; {hint}")
 
 
 def _read(element: Element, folder: Path, code: CodeOptions) -> tuple[str, ProgramSources]:

@@ -274,7 +274,7 @@ _RINGS = ("footbot_light", "kheperaiv_proximity", "light", *PROXIMITY_SENSORS)
 _NUMBER_BYTES, _OTHER_BYTES, _STAMP_BYTES, _BLOB = 4, 64, 8, 5
 _OWN_BYTES = 304
 """Of a number, of a device that is no ring, and of what belongs to each on the wire, at most;
-numbers of an LED; of all own devices of a robot, see `vsense.run._own_devices`."""
+numbers of an LED; of all own devices of a robot, see `vsense.run.remote`."""
 
 
 def share_room(names: Sequence[str], scope: Scope, is_sim: bool) -> None:

@@ -9,7 +9,7 @@ from itertools import combinations
 
 import numpy as np
 
-from vsense.base.arena import Floats
+from vsense.base.arena import Floats, from_sides_m
 from vsense.base.xml.element import MAX_SHOWN, Element
 from vsense.config._things import MAX_SIZE_M
 from vsense.world.entities import Arena
@@ -34,16 +34,7 @@ class Polygon:
 
     def depth_m(self, points: Floats) -> Floats:
         """How far points (..., 2) are inside: (...) from the nearest side, negative outside."""
-        begins = np.array(self.corners)
-        sides = np.roll(begins, -1, axis=0) - begins
-        away = np.asarray(points)[..., np.newaxis, :] - begins
-        share = np.clip((away * sides).sum(axis=-1) / (sides**2).sum(axis=-1), 0.0, 1.0)
-        distance = np.linalg.norm(away - share[..., np.newaxis] * sides, axis=-1).min(axis=-1)
-        # A side that a ray to +x crosses goes up and has the point on its left, or the reverse.
-        up = away[..., 1] < sides[:, 1]
-        left = sides[:, 0] * away[..., 1] - sides[:, 1] * away[..., 0] > 0.0
-        crossed = ((away[..., 1] < 0.0) != up) & (left == up)
-        is_inside = crossed.sum(axis=-1) % 2 == 1
+        distance, is_inside = from_sides_m(self.corners, points)
         return np.asarray(np.where(is_inside, distance, -distance))
 
 

@@ -9,6 +9,7 @@ import os
 import re
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +20,7 @@ from vsense.base.files import read_bytes
 from vsense.robots import hosted
 from vsense.robots._lua_devices import LuaActuators, LuaSensor, sensors_of
 from vsense.robots.hosted import STEP_MAX_S, HostedProgram
-from vsense.robots.inprocess import SimError
-from vsense.robots.link.table import Table
+from vsense.robots.inprocess import ProgramSetup, SimError
 from vsense.robots.sources import ProgramSources
 
 _TABLE = Path(__file__).with_name("argos.lua")
@@ -52,25 +52,16 @@ class LuaProgram(HostedProgram):
     A robot whose script fails stands, see `HostedProgram.each`.
     """
 
-    def __init__(
-        self,
-        library: Path,
-        tags: Sequence[int],
-        table: Table,
-        timestep_ns: int,
-        seed: int,
-        params: str | Mapping[int, str],
-        progress: Any = None,
-    ) -> None:
+    def __init__(self, setup: ProgramSetup) -> None:
         """Reads the script; see `CompiledProgram`.
 
         Raises:
             SimError: it cannot be read, or is no Lua.
         """
-        told = [params if isinstance(params, str) else params[tag] for tag in tags]
+        library, params = setup.library, setup.params
+        told = [params if isinstance(params, str) else params[tag] for tag in setup.tags]
         own = ("".join(f"{k}={v}\n" for k, v in _lines(text) if k in _LIMITS) for text in told)
-        below = dict(zip(tags, own))
-        super().__init__(library, tags, table, timestep_ns, seed, below, progress)
+        super().__init__(replace(setup, params=dict(zip(setup.tags, own))))
         self._told, self._name_of_script = told, library.name.encode()
         self._folder = str(library.resolve().parent)
         with failing_as(SimError, f"{library}: cannot be read"):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -13,8 +13,7 @@ from vsense.base.errors import VsenseError, likely
 from vsense.base.users_code import UsersCode
 from vsense.robots import hosted
 from vsense.robots.hosted import HostedProgram
-from vsense.robots.inprocess import SimError
-from vsense.robots.link.table import Table
+from vsense.robots.inprocess import ProgramSetup, SimError
 from vsense.robots.python_robot import Robot
 from vsense.robots.sources import ProgramSources
 
@@ -38,22 +37,14 @@ class PythonProgram(HostedProgram):
     A robot whose controller raises an exception stands, see `HostedProgram.each`.
     """
 
-    def __init__(
-        self,
-        library: Path,
-        tags: Sequence[int],
-        table: Table,
-        timestep_ns: int,
-        seed: int,
-        params: str | Mapping[int, str],
-        progress: Any = None,
-    ) -> None:
+    def __init__(self, setup: ProgramSetup) -> None:
         """Runs the file; see `CompiledProgram`.
 
         Raises:
             SimError: it cannot be read, fails, or has no class that controls robots.
         """
-        super().__init__(library, tags, table, timestep_ns, seed, params, progress)
+        super().__init__(setup)
+        library = setup.library
         self._code = UsersCode(library, _located)
         self._class, self._is_for_all = _class_of(self._code, self._code.load(_module(library)))
         self._controllers: list[Any] | None = None

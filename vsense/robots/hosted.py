@@ -7,7 +7,8 @@ limits of what a robot may do and when it must stand. Before it, `act` reads and
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,10 @@ import numpy as np
 from vsense.base.native import ffi, lib
 from vsense.robots import build
 from vsense.robots.inprocess import (
-    PROGRESS_BYTES,
     CompiledProgram,
     ControllerFailure,
     ProgramKernel,
+    ProgramSetup,
     declarations,
     functions,
 )
@@ -94,24 +95,14 @@ class HostedProgram(CompiledProgram):
         notes: timestep, and 1 + the robot that is in its control step.
     """
 
-    def __init__(
-        self,
-        library: Path,
-        tags: Sequence[int],
-        table: Table,
-        timestep_ns: int,
-        seed: int,
-        params: str | Mapping[int, str],
-        progress: Any = None,
-    ) -> None:
+    def __init__(self, setup: ProgramSetup) -> None:
         """Greets every robot; `library` is the file that decides, and gives the name."""
-        progress = bytearray(PROGRESS_BYTES) if progress is None else progress
-        built, self._name = build_host(), library.stem
-        super().__init__(built, tags, table, timestep_ns, seed, params, progress)
-        self.notes = memoryview(progress).cast("B").cast("I")
+        built, table, self._name = build_host(), setup.table, setup.library.stem
+        super().__init__(replace(setup, library=built))
+        self.notes = memoryview(setup.progress).cast("B").cast("I")
         counts = _counts(table, Direction.SENSOR), _counts(table, Direction.ACTUATOR)
         robots = HostedRobots(functions(built, "hosted"), self._all, len(self.tags), self._memory)
-        self.swarm = Swarm(robots, self.tags, timestep_ns * 1e-9, *counts)
+        self.swarm = Swarm(robots, self.tags, setup.timestep_ns * 1e-9, *counts)
         self._begun, self._raised, self._failures = False, None, dict[int, str]()
         self._step_of_c = ffi.callback(declarations()["vs_inprocess_step"], self._step_for_c)
 

@@ -11,6 +11,7 @@ import ctypes
 import mmap
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -105,6 +106,29 @@ class ProgramKernel(NamedTuple):
     reports: NDArray[np.uint8]
 
 
+@dataclass(frozen=True, slots=True)
+class ProgramSetup:
+    """What a program is opened with: the robots of one controller, and their run.
+
+    Attributes:
+        library: what its kind has built.
+        tags: the robots.
+        table: what they sense and do virtually.
+        timestep_ns: length of a timestep.
+        seed: of the run; every robot's controller gets one of its own made from it.
+        params: the controller's settings, lines "key=value\\n"; by tag, or those of all.
+        progress: `PROGRESS_BYTES` of writable memory where the robots note what they do.
+    """
+
+    library: Path
+    tags: Sequence[int]
+    table: Table
+    timestep_ns: int
+    seed: int
+    params: str | Mapping[int, str]
+    progress: Any = field(default_factory=lambda: bytearray(PROGRESS_BYTES))
+
+
 class CompiledProgram:
     """All robots of a run, each with a controller runtime of its own.
 
@@ -117,40 +141,22 @@ class CompiledProgram:
 
     _shown_last: bytes
 
-    def __init__(
-        self,
-        library: Path,
-        tags: Sequence[int],
-        table: Table,
-        timestep_ns: int,
-        seed: int,
-        params: str | Mapping[int, str],
-        progress: Any = None,
-    ) -> None:
+    def __init__(self, setup: ProgramSetup) -> None:
         """Loads the controller and greets every robot.
-
-        Args:
-            tags: the robots.
-            table: what they sense and do virtually.
-            timestep_ns: length of a timestep.
-            seed: of the run; every robot's controller gets one of its own made from it.
-            params: the controller's settings, lines "key=value\\n"; by tag, or those of all.
-            progress: `PROGRESS_BYTES` of writable memory where the robots note what they do;
-                None: not wanted.
 
         Raises:
             SimError: the shared object cannot be loaded, or its controller cannot be run.
             WireError: the experiment does not fit the robots' protocol.
         """
-        self.tags = list(tags)
+        self.tags, table, params = list(setup.tags), setup.table, setup.params
         try:
-            self._lib = functions(library)
+            self._lib = functions(setup.library)
         except OSError as error:
-            raise SimError(f"{library}: cannot be loaded: {error}") from None
-        self._begin(bytearray(PROGRESS_BYTES) if progress is None else progress)
+            raise SimError(f"{setup.library}: cannot be loaded: {error}") from None
+        self._begin(setup.progress)
         for robot, tag in enumerate(self.tags):
             text = params if isinstance(params, str) else params[tag]
-            welcome = Welcome(table, timestep_ns // 1000, robot_seed(seed, tag), text)
+            welcome = Welcome(table, setup.timestep_ns // 1000, robot_seed(setup.seed, tag), text)
             packet = encode(Header(PacketType.WELCOME, table_hash=table.hash), welcome)
             # A virtual robot's tag is no marker's, and does not fit the wire's 16 bits.
             wire_tag = tag % 2**16

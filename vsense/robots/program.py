@@ -7,10 +7,10 @@ question of what a controller asks for go through this seam.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from vsense.base.errors import UsageError
 from vsense.base.readings import SensorReadings
 from vsense.robots import build
-from vsense.robots.inprocess import CompiledProgram, ProgramKernel
-from vsense.robots.link.table import Table
+from vsense.robots.inprocess import CompiledProgram, ProgramKernel, ProgramSetup
 from vsense.robots.link.wire import ShownData, Wanted
 from vsense.robots.sources import CXX_SUFFIXES, LUA, POLICY, PYTHON, ProgramSources
 from vsense.world.robot_models import RobotModel
@@ -89,19 +88,8 @@ class Program(Protocol):
         """The run is over."""
 
 
-class ProgramOpener(Protocol):
-    """Opens what was built for a run; see `CompiledProgram`."""
-
-    def __call__(
-        self,
-        library: Path,
-        tags: Sequence[int],
-        table: Table,
-        timestep_ns: int,
-        seed: int,
-        params: str | Mapping[int, str],
-        progress: Any = None,
-    ) -> Program: ...
+ProgramOpener = Callable[[ProgramSetup], Program]
+"""Opens what was built for a run; raises as `CompiledProgram`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,10 +114,10 @@ def _build_python(sources: ProgramSources) -> Path:
     return _python_program.build_program(sources)
 
 
-def _open_python(*arguments: Any, **named: Any) -> Program:
+def _open_python(setup: ProgramSetup) -> Program:
     from vsense.robots import _python_program
 
-    return _python_program.PythonProgram(*arguments, **named)
+    return _python_program.PythonProgram(setup)
 
 
 def _build_lua(sources: ProgramSources) -> Path:
@@ -138,10 +126,10 @@ def _build_lua(sources: ProgramSources) -> Path:
     return _lua_program.build_program(sources)
 
 
-def _open_lua(*arguments: Any, **named: Any) -> Program:
+def _open_lua(setup: ProgramSetup) -> Program:
     from vsense.robots import _lua_program
 
-    return _lua_program.LuaProgram(*arguments, **named)
+    return _lua_program.LuaProgram(setup)
 
 
 _HOSTED = {

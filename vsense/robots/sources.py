@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
-from vsense.base.errors import UsageError
+from vsense.base.errors import UsageError, instead
 from vsense.base.files import PACKAGE_FOLDER
 
 ARGOS = "argos3/"
@@ -117,6 +117,16 @@ class ProgramSources:
     def is_argos(self) -> bool:
         """Whether it is written for ARGoS."""
         return any(registers(p, m) for p in self.sources for m in (CONTROLLER, LOOP_FUNCTIONS))
+
+    def without_label(self, label: str) -> str:
+        """What is wrong where classes of controllers are registered and none of that label, which
+        ARGoS refuses, too; "": nothing."""
+        names = labels(self.sources, CONTROLLER)
+        plain = len(names) == sum(registrations(path, CONTROLLER) for path in self.sources)
+        if not names or not plain or label in names:
+            return ""
+        where = ", ".join(path.name for path in self.sources if registers(path, CONTROLLER))
+        return f"no REGISTER_CONTROLLER in {where} names {label!r}; {instead(label, names)}"
 
     @property
     def is_cxx(self) -> bool:

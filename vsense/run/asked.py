@@ -16,10 +16,9 @@ import os
 import re
 import select
 import signal
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
@@ -29,10 +28,10 @@ from vsense.config.argos import OWN_DEVICES
 from vsense.config.specs import ControllerSpec, Experiment, Stage
 from vsense.robots import build
 from vsense.robots.compiling import BuildError
-from vsense.robots.inprocess import ACT_NS
-from vsense.robots.link.table import Direction, Table
+from vsense.robots.inprocess import ACT_NS, ProgramSetup
+from vsense.robots.link.table import Direction
 from vsense.robots.link.wire import Wanted
-from vsense.robots.program import Program, kind_of
+from vsense.robots.program import ProgramOpener, kind_of
 from vsense.robots.sources import ProgramSources, content
 from vsense.run.environment import table_of
 from vsense.world.actuators.bank import ActuatorBank
@@ -122,9 +121,10 @@ def _complaints(experiment: Experiment, spec: ControllerSpec) -> Sequence[str]:
     with suppress(BuildError):
         built = kind_of(spec.program).build(spec.program)
         table = table_of(sensors, actuators)
-        timestep_ns = experiment.timestep_ns
-        question = ["complaints", str(built), table.encode().hex(), params, str(timestep_ns)]
-        ask = partial(_try, spec.program, built, table.encode(), params, timestep_ns)
+        setup = ProgramSetup(built, [_TAG], table, experiment.timestep_ns, 1, params)
+        length_ns = str(experiment.timestep_ns)
+        question = ["complaints", str(built), table.encode().hex(), params, length_ns]
+        ask = partial(_try, spec.program, setup)
         # What is no build of its own says nothing else only as long as nobody edits it.
         edited = built in spec.program.sources
         with suppress(_Untried):
@@ -136,9 +136,7 @@ class _Untried(Exception):
     """A program has ended, or taken too long, before it said anything."""
 
 
-def _try(
-    sources: ProgramSources, built: Path, table: bytes, params: str, timestep_ns: int
-) -> list[str]:
+def _try(sources: ProgramSources, setup: ProgramSetup) -> list[str]:
     """What a program complains of, as `_step` in a fork of this process has it; raises _Untried."""
     source, target = os.pipe()
     pid = os.fork()
@@ -148,8 +146,7 @@ def _try(
             silent = os.open(os.devnull, os.O_RDWR)
             for descriptor in range(3):
                 os.dup2(silent, descriptor)
-            open_program = partial(kind_of(sources).open, built, [_TAG])
-            said = _step(open_program, Table.decode(table), params, timestep_ns)
+            said = _step(kind_of(sources).open, setup)
             os.write(target, json.dumps([f" {words}" for words in said]).encode())
         finally:
             os._exit(0)
@@ -175,16 +172,14 @@ def _answer(source: int) -> bytes:
     return b""
 
 
-def _step(
-    open_program: Callable[..., Program], table: Table, params: str, timestep_ns: int
-) -> list[str]:
+def _step(open_program: ProgramOpener, setup: ProgramSetup) -> list[str]:
     """Lets one robot begin a run; returns what its controller complains of."""
     try:
-        robots = open_program(table, timestep_ns, 1, params)
-        sizes = [size for *_, size in table.of_direction(Direction.SENSOR)]
+        robots = open_program(setup)
+        sizes = [size for *_, size in setup.table.of_direction(Direction.SENSOR)]
         block = np.zeros((1, sum(sizes)), dtype=np.uint8)
         readings = SensorReadings([_TAG], sizes, block, np.full((1, len(sizes)), NEVER_NS))
-        times_ns = timestep_ns, timestep_ns + ACT_NS
+        times_ns = setup.timestep_ns, setup.timestep_ns + ACT_NS
         robots.step(Wanted.RUN, 0, 0, times_ns, readings, np.zeros((1, 8), dtype=np.int16))
     except VsenseError:
         return []

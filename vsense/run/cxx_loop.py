@@ -23,8 +23,7 @@ from vsense.robots import build
 from vsense.robots.link.table import Table
 from vsense.robots.loop_library import Colors, CxxLoopError, LoopCaller
 from vsense.robots.sources import ProgramSources
-from vsense.run._loop_floor import FloorPainter, LoopFloor
-from vsense.run._loop_kernel import STEP_FUNCTIONS, LoopKernel
+from vsense.run._loop_kernel import STEP_FUNCTIONS, FloorPainter, LoopFloor, LoopKernel
 from vsense.run._loop_process import LoopProcess
 from vsense.world.entities import (
     MAX_INTENSITY,

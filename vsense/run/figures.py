@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vsense.base.arena import Frame
 from vsense.base.errors import VsenseError
-from vsense.base.terminal import Console, measure_rows
+from vsense.base.terminal import Console, figure, measure_rows
 from vsense.config.specs import Experiment
 from vsense.robots.link.status import RadioStatus, RobotStatus
 from vsense.robots.link.wire import StopCause
@@ -302,7 +302,7 @@ def table(summary: Mapping[str, Any]) -> str:
         *table_rows(summary),
         (
             "arena",
-            f"{number(arena['seen_mean'], 2)} of {summary['robots']} robots seen per timestep;"
+            f"{figure(arena['seen_mean'], '', 2)} of {summary['robots']} robots seen per timestep;"
             f" without any state: {', '.join(silences) or 'never'}",
         ),
         link_row(summary["link"]),
@@ -311,12 +311,12 @@ def table(summary: Mapping[str, Any]) -> str:
     lines = [f"{name:<10}{text}" for name, text in rows]
     lines.append(f"{'latency':<10}{'in ms':<32}{'p50':>10}{'p99':>10}{'max':>10}")
     for name, spread in summary["latency_ms"].items():
-        figures = "".join(f"{number(spread[key], 1):>10}" for key in ("p50", "p99", "max"))
+        figures = "".join(f"{figure(spread[key]):>10}" for key in ("p50", "p99", "max"))
         lines.append(f"{'':<10}{name.replace('_', ' '):<32}{figures}")
     lines.append(f"{'robots':<10}{'':<32}{'seen':>10}{'connected':>10}{'stale':>10}{'battery':>10}")
     for robot in summary["per_robot"]:
         shares = (robot[f"{key}_share"] for key in ("seen", "connected", "stale"))
-        cells = "".join(f"{percent(share):>10}" for share in shares)
+        cells = "".join(f"{figure(share, ' %', scale=100.0):>10}" for share in shares)
         battery_mv = robot["battery_mv"]
         volts = "-" if battery_mv is None else f"{battery_mv / 1000.0:.2f} V"
         lines.append(f"{'':<10}{robot['tag']:<32}{cells}{volts:>10}")
@@ -353,13 +353,3 @@ def link_row(link: Mapping[str, Any]) -> tuple[str, str]:
     )
     defects = link.get("defects")  # summaries of before have none
     return "link", text + (f", {defects} sessions ended by a defect in vsense" if defects else "")
-
-
-def percent(share: float | None, digits: int = 1) -> str:
-    """A share as a person reads it."""
-    return "-" if share is None else f"{100 * share:.{digits}f} %"
-
-
-def number(value: float | None, digits: int = 1) -> str:
-    """A number as a person reads it."""
-    return "-" if value is None else f"{value:.{digits}f}"

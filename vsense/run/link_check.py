@@ -17,11 +17,11 @@ from threading import Event
 from typing import Any
 
 from vsense.base.clock import host_ns
-from vsense.base.terminal import aligned
+from vsense.base.terminal import aligned, figure
 from vsense.config.specs import ControllerSpec
 from vsense.robots.link.keys import LinkTrust
-from vsense.robots.link.server import LinkError, LinkEvent, VirtualSensorServer
-from vsense.robots.link.status import LinkFigures, RobotStatus
+from vsense.robots.link.server import VirtualSensorServer
+from vsense.robots.link.status import LinkError, LinkEvent, LinkFigures, RobotStatus
 from vsense.robots.link.table import Direction, Entry, ExpectedRobot, Table
 from vsense.robots.link.wire import GoodbyeCause, ReadingValues, Wanted
 
@@ -348,25 +348,21 @@ def table(verdicts: Sequence[LinkVerdict]) -> str:
 
 def _cells(verdict: LinkVerdict) -> tuple[str, ...]:
     f = verdict.figures
-    loss = f"{_figure(f.loss_down, ' / ', 1, 100.0)}{_figure(f.loss_up, ' %', 1, 100.0)}"
+    loss = f"{figure(f.loss_down, ' / ', 1, 100.0)}{figure(f.loss_up, ' %', 1, 100.0)}"
     return (
         f"{verdict.tag} {verdict.name}",
         loss if f.packets else "-",
-        _figure(f.round_trip_p50_ms, " ms", 1),
-        _figure(f.round_trip_p99_ms, " ms", 1),
-        _figure(f.jitter_ms, " ms", 1),
-        _figure(f.gap_ms, " ms", 0),
-        _figure(f.signal_dbm, " dBm", 0),
-        _figure(f.bit_rate_mbit_s, "", 1),
-        _figure(f.retries, "", 0),
+        figure(f.round_trip_p50_ms, " ms", 1),
+        figure(f.round_trip_p99_ms, " ms", 1),
+        figure(f.jitter_ms, " ms", 1),
+        figure(f.gap_ms, " ms", 0),
+        figure(f.signal_dbm, " dBm", 0),
+        figure(f.bit_rate_mbit_s, "", 1),
+        figure(f.retries, "", 0),
         {True: "YES", False: "no", None: "-"}[f.power_saving],
-        _figure(f.late, " %", 1, 100.0),
+        figure(f.late, " %", 1, 100.0),
         f"{'' if verdict.holds else 'FAILS: '}{verdict.verdict}",
     )
-
-
-def _figure(value: float | None, unit: str, digits: int, scale: float = 1.0) -> str:
-    return "-" if value is None else f"{scale * value:.{digits}f}{unit}"
 
 
 def as_json(verdicts: Sequence[LinkVerdict], facts: Mapping[str, Any]) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from vsense.base.readings import SwarmReadings
 from vsense.config.specs import ControllerSpec, Experiment
 from vsense.robots import build, inprocess
 from vsense.robots.compiling import BuildError, native
-from vsense.robots.inprocess import ControllerFailure, SimError
+from vsense.robots.inprocess import ControllerFailure, ProgramSetup, SimError
 from vsense.robots.link.table import Table, ToldProgram
 from vsense.robots.link.wire import ShownData, Wanted
 from vsense.robots.program import Program, ProgramOpener, kind_of
@@ -147,9 +147,9 @@ class Programs:
                 tags = [tag for tag, name in controllers.items() if name == spec.id]
                 params = {tag: spec.params_for(names[tag]) for tag in tags}
                 opened = (openers or {}).get(spec.id) or kind_of(spec.program).open
-                given = libraries[spec.id], tags, tables[spec.id], step_ns, seed, params
+                given = libraries[spec.id], tags, tables[spec.id], step_ns, seed, params, own
                 with loading(note, number):
-                    self._parts.append((number, rows, self._embodied(opened(*given, own))))
+                    self._parts.append((number, rows, self._embodied(opened(ProgramSetup(*given)))))
 
     def _embodied(self, program: Program) -> Program:
         """A program that knows what its robots are, all of one model."""

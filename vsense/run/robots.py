@@ -15,8 +15,8 @@ from vsense.config.specs import Experiment
 from vsense.robots.link.keys import LinkTrust
 from vsense.robots.link.legacy.protocol import LegacySwarm, by_octet, translations
 from vsense.robots.link.legacy.server import MixedServer
-from vsense.robots.link.server import LinkEvent, VirtualSensorServer
-from vsense.robots.link.status import RobotStatus
+from vsense.robots.link.server import VirtualSensorServer
+from vsense.robots.link.status import LinkEvent, RobotStatus
 from vsense.robots.link.table import BRING, ExpectedRobot, Table
 from vsense.robots.link.wire import StopCause, Telemetry
 from vsense.run.programs import told_programs
@@ -222,25 +222,21 @@ class RobotAlarms:
         return lines
 
 
-def low_batteries(robots: Mapping[int, RobotStatus], limit_v: float) -> dict[int, float]:
-    """Whose batteries are low, by tag: the voltage, 0: only the base says so, and not how low.
+def low_batteries(robots: Mapping[int, RobotStatus], limit_v: float) -> dict[int, str]:
+    """Whose batteries are low, by tag, and how low: words that follow the robot's name.
 
     `limit_v` is what they should have at least; 0: no battery is too low.
     """
-    low_v = dict[int, float]()
+    low = dict[int, str]()
     for tag, status in robots.items():
         telemetry = status.telemetry
         if telemetry is None or limit_v <= 0.0:
             continue
         volts = telemetry.battery_mv / 1e3
         if volts < limit_v if volts else telemetry.battery_low == BATTERY_LOW:
-            low_v[tag] = volts
-    return low_v
-
-
-def battery_words(volts: float) -> str:
-    """How low a battery of `low_batteries` is: what follows a robot's name."""
-    return f"has {volts:.2f} V left" if volts else "has a low battery"
+            # 0: only the base says so, and not how low.
+            low[tag] = f"has {volts:.2f} V left" if volts else "has a low battery"
+    return low
 
 
 def _troubles(telemetry: Telemetry) -> list[tuple[str, str, bool]]:

@@ -151,6 +151,19 @@ class RunRecord:
     failed: Sequence[str] = ()
     link_check: str = ""
 
+    def judge(self, criteria: VoidCriteria) -> RunVerdict:
+        """The verdict on the run."""
+        if not self.timesteps:
+            words = shorten(self.failed) or self.ended or "failed"
+            return RunVerdict(f"nothing was measured: {words}")
+        reasons = []
+        is_told = self.ended == BROKEN and self.failed
+        if criteria.ended_early and self.ended != "time" and not self.endless and not is_told:
+            reasons.append(f"{self.ended or BROKEN} before its end")
+        reasons += filter(None, (rule(self, criteria) for rule in _RULES))
+        notes = filter(None, (note(self, criteria) for note in _NOTES))
+        return RunVerdict("; ".join(reasons), "; ".join(notes))
+
 
 @dataclass(frozen=True, slots=True)
 class RunVerdict:
@@ -169,20 +182,6 @@ class RunVerdict:
         return {"verdict": VOID if self.why else VALID, "why": self.why, "note": self.note}
 
 
-def judge(record: RunRecord, criteria: VoidCriteria) -> RunVerdict:
-    """The verdict on a run."""
-    if not record.timesteps:
-        words = shorten(record.failed) or record.ended or "failed"
-        return RunVerdict(f"nothing was measured: {words}")
-    reasons = []
-    is_told = record.ended == BROKEN and record.failed
-    if criteria.ended_early and record.ended != "time" and not record.endless and not is_told:
-        reasons.append(f"{record.ended or BROKEN} before its end")
-    reasons += filter(None, (rule(record, criteria) for rule in _RULES))
-    notes = filter(None, (note(record, criteria) for note in _NOTES))
-    return RunVerdict("; ".join(reasons), "; ".join(notes))
-
-
 def late_share(summary: Mapping[str, Any]) -> float | None:
     """The share of a summary's timesteps that were late or left out; None: there were none."""
     steps = summary["timesteps"] + summary["left_out_timesteps"]
@@ -193,7 +192,7 @@ def judged(summary: Mapping[str, Any], record: RunRecord, criteria: VoidCriteria
     """A summary with the verdict; how late its timesteps were is the summary's."""
     late, left_out = late_share(summary) or 0.0, summary["left_out_timesteps"]
     left_out /= max(summary["timesteps"] + left_out, 1)
-    verdict = judge(replace(record, late=late, left_out=left_out), criteria)
+    verdict = replace(record, late=late, left_out=left_out).judge(criteria)
     return {**summary, "ended": record.ended, **verdict.facts()}
 
 

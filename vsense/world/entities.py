@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vsense.base.arena import wrap_angle
 from vsense.base.errors import VsenseError
-from vsense.base.native import kernel_ffi, kernels
+from vsense.base.native import kernel_ffi, kernels, pointer
 from vsense.world.robot_models import EPUCK, RobotModel
 
 Vector = tuple[float, float, float]
@@ -159,8 +159,8 @@ class Zone:
         """Which points (..., 2) lie in the zone; its edge belongs to it."""
         points = np.ascontiguousarray(points_m, dtype=np.float64)
         inside = np.empty(points.shape[:-1], dtype=np.bool_)
-        given = kernel_ffi.cast("const double *", points.ctypes.data)
-        target = kernel_ffi.cast("uint8_t *", inside.ctypes.data)
+        given = pointer("double", points)
+        target = pointer("uint8_t", inside)
         kernels.vs_zone_contains(self.as_c(), given, inside.size, target)
         return inside
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vsense.base.arena import Floats, Image
-from vsense.base.native import check, kernel_ffi, kernels
+from vsense.base.native import check, kernel_ffi, kernels, pointer
 from vsense.world.entities import Arena, Color, WorldError, Zone
 
 WHITE: Color = (255, 255, 255)
@@ -69,7 +69,7 @@ class Floor:
         """
         points = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
         colors = np.empty((len(points), 4))
-        given, target = (kernel_ffi.from_buffer("double[]", array) for array in (points, colors))
+        given, target = (pointer("double", array) for array in (points, colors))
         code = kernels.vs_floor_sample(self.cdata, given, len(points), target)
         self.check()
         check(code, "the floor")
@@ -97,7 +97,7 @@ class Floor:
             **self._known_by,
         }
         if self.image is not None:
-            members["image"] = kernel_ffi.from_buffer("uint8_t[]", self._pixels)
+            members["image"] = pointer("uint8_t", self._pixels)
             members["rows"], members["columns"], members["channels"] = self.image.shape
         return kernel_ffi.new("struct vs_floor *", members)
 
@@ -214,7 +214,7 @@ class Field:
         """`value` and `gradient` at points (n, 2): (n, 3)."""
         points = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
         readings = np.empty((len(points), 3))
-        given, target = (kernel_ffi.from_buffer("double[]", array) for array in (points, readings))
+        given, target = (pointer("double", array) for array in (points, readings))
         kernels.vs_field_read(self.as_c(), given, len(points), target)
         return readings
 
@@ -228,7 +228,7 @@ class Field:
         """
         points = np.ascontiguousarray(points_m, dtype=np.float64).reshape(-1, 2)
         added = np.ascontiguousarray(self._amounts(amounts, len(points)))
-        given, what = (kernel_ffi.from_buffer("double[]", array) for array in (points, added))
+        given, what = (pointer("double", array) for array in (points, added))
         kernels.vs_field_deposit(self.as_c(), given, what, len(points), MAX_CONCENTRATION)
 
     def take(self, points_m: ArrayLike, amounts: ArrayLike) -> Floats:
@@ -262,7 +262,7 @@ class Field:
         spread, substeps = self.spread, self._substeps(dt_s)
         if len(self._before) != self.concentration.size:
             self._before = np.empty(self.concentration.size)
-            spread.before = kernel_ffi.from_buffer("double[]", self._before)
+            spread.before = pointer("double", self._before)
         spread.field, spread.substeps = self.as_c(), substeps
         spread.share = self.diffusion_m2_s * dt_s / max(substeps, 1) / self.cell_m**2
         spread.left = math.exp(-self.evaporation_per_s * dt_s)
@@ -291,7 +291,7 @@ class Field:
 
     def as_c(self) -> Any:
         """The `struct vs_field *`, which holds until `concentration` is another array."""
-        cells = kernel_ffi.from_buffer("double[]", self.concentration)
+        cells = pointer("double", self.concentration)
         if self._cdata is None or self._cdata.cells != cells:
             rows, columns = self.concentration.shape
             corner_m = self.corner_m.tolist()

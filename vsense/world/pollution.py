@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vsense.base.arena import Floats, wrap_angle
+from vsense.base.arena import Floats, from_sides_m, wrap_angle
 
 DEFAULT_MEMORY_NS = 5_000_000_000
 """How long the cone of a source that is not seen stays where the source was seen last."""
@@ -58,13 +58,7 @@ class Cone:
 
     def edge_distance(self, points_m: ArrayLike) -> Floats:
         """Distances (...) of points (..., 2) to the triangle's edge [m], negative inside."""
-        points = np.asarray(points_m, dtype=np.float64)[..., None, :]
-        start = self.vertices()
-        side = np.roll(start, -1, axis=0) - start
-        offset = points - start
-        share = np.sum(offset * side, axis=-1) / np.sum(side * side, axis=-1)
-        nearest = np.clip(share, 0.0, 1.0)[..., None] * side
-        distance = np.linalg.norm(offset - nearest, axis=-1).min(axis=-1)
+        distance, _ = from_sides_m(self.vertices(), points_m)
         return np.asarray(np.where(self.contains(points_m), -distance, distance))
 
     def _local(self, points_m: ArrayLike) -> tuple[Floats, Floats]:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vsense.base.native import check, kernel_ffi, kernels, lib
+from vsense.base.native import check, kernel_ffi, kernels, lib, pointer
 from vsense.world.entities import Box, Cylinder, Light
 from vsense.world.robot_models import EPUCK, RobotModel
 from vsense.world.sightings import LastSightings
@@ -38,16 +38,14 @@ class Bodies:
     def __init__(self, rows: NDArray[np.void]) -> None:
         self.rows = np.ascontiguousarray(rows)
         self.cdata = self._obstacles = kernel_ffi.new("struct vs_obstacles *")
-        self._obstacles.bodies = kernel_ffi.cast(
-            "const struct vs_obstacle *", self.rows.ctypes.data
-        )
+        self._obstacles.bodies = pointer("struct vs_obstacle", self.rows)
         self._obstacles.count = len(self.rows)
         self._sort()
 
     def _sort(self) -> None:
         check(kernels.vs_obstacles_plan(self._obstacles), "bodies in the way")
         self._memory = np.empty(self._obstacles.words, dtype=np.uint32)
-        kernels.vs_obstacles_sort(self._obstacles, _pointer("uint32_t *", self._memory))
+        kernels.vs_obstacles_sort(self._obstacles, pointer("uint32_t", self._memory))
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -79,8 +77,8 @@ class MovingBodies(Bodies):
         self._heights_m = np.array([model.height_m for model in models])
         super().__init__(np.concatenate((discs, standing)))
         self.crowd.world, self.crowd.obstacles = seen.cdata, self.cdata
-        self.crowd.bodies = _pointer("struct vs_obstacle *", self.rows)
-        self.crowd.heights_m = kernel_ffi.from_buffer("double[]", self._heights_m)
+        self.crowd.bodies = pointer("struct vs_obstacle", self.rows)
+        self.crowd.heights_m = pointer("double", self._heights_m)
         self.crowd.memory_ns = memory_ns
 
     def _sort(self) -> None:
@@ -88,7 +86,7 @@ class MovingBodies(Bodies):
 
     def _make_room(self, words: int) -> None:
         self._memory = np.empty(words, dtype=np.uint32)
-        self.crowd.memory, self.crowd.room = _pointer("uint32_t *", self._memory), words
+        self.crowd.memory, self.crowd.room = pointer("uint32_t", self._memory), words
 
     def stand(self, now_ns: int) -> None:
         """Puts everybody where they were seen last, at a time."""
@@ -118,7 +116,7 @@ class LightTable:
     def __init__(self, lights: Sequence[Light]) -> None:
         shining = [(light.position_m, light.intensity) for light in lights if light.intensity > 0]
         self.rows = np.array(shining, dtype=LIGHT_ROW)
-        self.cdata = _pointer("const struct vs_light *", self.rows)
+        self.cdata = pointer("struct vs_light", self.rows)
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -154,7 +152,3 @@ def entity_rows(entities: Sequence[Box | Cylinder]) -> NDArray[np.void]:
             height_m = entity.size_m[2]
         row["z_high_m"] = entity.position_m[2] + height_m
     return rows
-
-
-def _pointer(kind: str, array: NDArray[np.generic]) -> object:
-    return kernel_ffi.cast(kind, array.ctypes.data)

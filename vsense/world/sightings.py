@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.arena import POSE
-from vsense.base.native import kernel_ffi, kernels
+from vsense.base.native import kernel_ffi, kernels, pointer
 from vsense.world.entities import VirtualRobot
 
 NEVER_NS = -1
@@ -48,7 +48,7 @@ class LastSightings:
         self.count = len(robots) + len(things)
         self.cdata: Any = kernel_ffi.new("struct vs_world *")
         self.cdata.fields = POSE_FIELDS
-        self.cdata.robots, self.cdata.things = (rows_pointer(rows) for rows in self._arrays)
+        self.cdata.robots, self.cdata.things = (pointer("uint8_t", rows) for rows in self._arrays)
         self.cdata.real, self.cdata.robots_all = real, len(robots)
         self.cdata.thing_count = len(things)
 
@@ -58,12 +58,7 @@ class LastSightings:
         `seen` is a POSE array sorted by tag. Virtual robots are seen at `capture_ns`.
         """
         rows = np.ascontiguousarray(seen)
-        kernels.vs_world_update(self.cdata, rows_pointer(rows), len(rows), capture_ns)
-
-
-def rows_pointer(rows: NDArray[np.void]) -> Any:
-    """The bytes of a contiguous structured array, valid as long as it lives."""
-    return kernel_ffi.cast("uint8_t *", rows.ctypes.data)
+        kernels.vs_world_update(self.cdata, pointer("uint8_t", rows), len(rows), capture_ns)
 
 
 def recent(poses: NDArray[np.void], now_ns: int, memory_ns: int) -> NDArray[np.bool_]:

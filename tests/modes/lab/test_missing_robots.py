@@ -18,7 +18,7 @@ from vsense.robots.link.wire import Telemetry
 from vsense.run.cast import Cast
 from vsense.run.figures import Figures
 from vsense.run.robots import BATTERY_LOW, Readiness
-from vsense.run.verdict import RunRecord, VoidCriteria, judge
+from vsense.run.verdict import RunRecord, VoidCriteria
 
 ROBOTS = {1: "left", 2: "right"}
 
@@ -69,7 +69,7 @@ def test_a_daemon_that_crashes_in_the_run_is_why_it_is_invalid(
     monkeypatch.setattr(ExperimentSession, "_observe", lambda *arguments: None)
     monkeypatch.setattr(ExperimentSession, "record_of", lambda *arguments: RunRecord())
     made._observe(None, {})
-    why = judge(made.record_of(Figures.__new__(Figures), None), VoidCriteria()).why
+    why = made.record_of(Figures.__new__(Figures), None).judge(VoidCriteria()).why
     assert why == "failed in mid-run: robot 2's controller was killed by SIGFPE at mine.c:43"
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from vsense.base.native import WireError
 from vsense.base.readings import SensorReadings
-from vsense.robots.inprocess import CompiledProgram, SimError
+from vsense.robots.inprocess import CompiledProgram, ProgramSetup, SimError
 from vsense.robots.link._roster import robot_seed
 from vsense.robots.link.table import Direction, Entry, Table
 from vsense.robots.link.wire import Wanted
@@ -37,7 +37,7 @@ class Run:
     """A run of a few robots, timestep by timestep."""
 
     def __init__(self, library: Path, seed: int = 1, params: str = "") -> None:
-        self.robots = CompiledProgram(library, TAGS, TABLE, STEP_NS, seed, params)
+        self.robots = CompiledProgram(ProgramSetup(library, TAGS, TABLE, STEP_NS, seed, params))
         self.timestep = 0
 
     def live(self, values: dict[int, float], capture_age_ns: int = 0) -> np.ndarray:
@@ -102,7 +102,7 @@ def test_controllers_complain_once_in_the_daemons_words(probe: Path) -> None:
 
 def test_progress_is_where_the_watch_looks(probe: Path) -> None:
     progress = bytearray(8)
-    robots = CompiledProgram(probe, TAGS, TABLE, STEP_NS, 1, "", progress)
+    robots = CompiledProgram(ProgramSetup(probe, TAGS, TABLE, STEP_NS, 1, "", progress))
     prox = np.zeros((len(TAGS), 8), dtype=np.int16)
     never = np.full((len(TAGS), 1), -1)
     readings = SensorReadings(TAGS, [4], np.zeros((len(TAGS), 4), dtype=np.uint8), never)
@@ -113,12 +113,12 @@ def test_progress_is_where_the_watch_looks(probe: Path) -> None:
 def test_what_is_no_shared_object_is_one_clear_line(tmp_path: Path) -> None:
     (tmp_path / "it.so").write_text("no library")
     with pytest.raises(SimError, match=r"it\.so: cannot be loaded"):
-        CompiledProgram(tmp_path / "it.so", TAGS, TABLE, STEP_NS, 1, "")
+        CompiledProgram(ProgramSetup(tmp_path / "it.so", TAGS, TABLE, STEP_NS, 1, ""))
 
 
 def test_params_that_no_robot_can_be_told_are_refused(probe: Path) -> None:
     with pytest.raises(WireError):
-        CompiledProgram(probe, TAGS, TABLE, STEP_NS, 1, "a" * 5000)
+        CompiledProgram(ProgramSetup(probe, TAGS, TABLE, STEP_NS, 1, "a" * 5000))
 
 
 def test_what_controllers_show_and_log_is_told_as_it_changes(probe: Path) -> None:

@@ -17,7 +17,6 @@ from tests.monitor.foxglove import sdk, told
 from tests.monitor.foxglove.told import turned
 from tests.monitor.recording.scene import CAMERAS, FAMILY, HEIGHTS_M, STEP_NS, frames, robots
 from tests.vision.tracking.synthetic import HEIGHT_M
-from vsense.base.arena import arena_data
 from vsense.base.message_bus import Message, MessageBus
 from vsense.cli import main
 from vsense.monitor.foxglove import _layout, _schemas
@@ -50,7 +49,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
         shots = frames(timestep)
         recorder.pictures(shots)
         state = tracker.update(shots)
-        bus.publish(Message("/arena", state.capture_ns, arena_data(state)))
+        bus.publish(Message("/arena", state.capture_ns, state.data()))
     recorder.close()
     tracker.close()
     return path

@@ -14,12 +14,11 @@ from vsense.base.arena import POSE, ArenaState
 from vsense.base.canvas import SCALE, Canvas
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment
-from vsense.monitor.pictures import _arena_view, run_figure
-from vsense.monitor.pictures._arena_view import VIEW_PX
+from vsense.monitor.pictures import run_figure
 from vsense.monitor.pictures._chart import Chart, ChartSeries, draw_chart, ticks
 from vsense.monitor.pictures._scene import DARK, LIT, VIRTUAL, ArenaMoment
-from vsense.monitor.pictures._world_snapshot import take_snapshot
-from vsense.monitor.pictures.run_samples import RunSamples
+from vsense.monitor.pictures._views import VIEW_PX, draw_from_above
+from vsense.monitor.pictures.run_samples import RunSamples, take_snapshot
 from vsense.world.entities import Arena, Box, Cylinder, Light, VirtualRobot, Zone
 from vsense.world.fields import Field
 from vsense.world.world import World
@@ -52,7 +51,7 @@ def draw(experiment: Experiment, world: World, lit: tuple[bool, bool] = (False, 
     scene = ArenaMoment(
         "now", "", None, take_snapshot(world, experiment), POSES, np.array(lit), np.empty((0,))
     )
-    return _arena_view.draw(scene)
+    return draw_from_above(scene)
 
 
 def colour_at(image: object, experiment: Experiment, x_m: float, y_m: float) -> np.ndarray:

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vsense.monitor.pictures._projections import FromAbove, ThroughLens
-from vsense.vision.cameras.camera import Camera, window_radius
+from vsense.vision.cameras.camera import Camera
 
 MIDDLE = np.array([0.3, -0.2])
 WIDTH = 800
@@ -91,7 +91,7 @@ def test_nothing_behind_a_camera_is_seen() -> None:
 def test_a_lens_that_folds_back_shows_nothing_twice() -> None:
     folding = camera((-0.5, 0.0, 0.0, 0.0, 0.0))
     # r (1 - 0.5 r^2) rises up to r = sqrt(2 / 3).
-    assert window_radius(folding) == pytest.approx((2.0 / 3.0) ** 0.5, abs=0.011)
+    assert folding.window_radius() == pytest.approx((2.0 / 3.0) ** 0.5, abs=0.011)
     view = ThroughLens(folding, WIDTH, MIDDLE)
     far = np.array([3.2, -0.1, 0.0])
     back = by_opencv(far[None], folding)[0]

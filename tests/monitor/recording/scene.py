@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.vision.tracking.synthetic import HEIGHT_M, Robot, render
-from vsense.base.arena import Frame, arena_data
+from vsense.base.arena import Frame
 from vsense.base.message_bus import Message, MessageBus
 from vsense.config.roster_fields import MarkerOffset
 from vsense.monitor.recording._recorder import Recorder
@@ -97,7 +97,7 @@ def track(
         if recorder is not None:
             recorder.pictures(frames(timestep), tracker)
         state = tracker.update(frames(timestep))
-        bus.publish(Message("/arena", state.capture_ns, arena_data(state)))
+        bus.publish(Message("/arena", state.capture_ns, state.data()))
     assert recorder is not None
     recorder.close()
     return path

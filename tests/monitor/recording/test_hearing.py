@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tests.monitor.recording.conftest import BEGIN_NS, record
-from vsense.base.arena import POSE, ArenaState, arena_data
+from vsense.base.arena import POSE, ArenaState
 from vsense.base.message_bus import Message
 from vsense.cli import main
 
@@ -32,7 +32,7 @@ def arena(at_ns: int, shift_m: float = 0.0) -> Message:
     for row, (tag, (x, y, yaw)) in zip(robots, PLACES.items()):
         row["tag"], row["x_m"], row["y_m"] = tag, x + shift_m, y
         row["yaw_rad"], row["seen"] = yaw, True
-    return Message("/arena", at_ns, arena_data(ArenaState(7, at_ns, robots, len(robots))))
+    return Message("/arena", at_ns, ArenaState(7, at_ns, robots, len(robots)).data())
 
 
 def readings(at_ns: int, taken_ns: int, *messages: tuple[float, float]) -> Message:

@@ -14,7 +14,7 @@ import pytest
 
 from tests.monitor.recording.conftest import BEGIN_NS, picture, record
 from tests.rigs.places import DATA
-from vsense.base.arena import POSE, ArenaState, arena_data
+from vsense.base.arena import POSE, ArenaState
 from vsense.base.message_bus import Message
 from vsense.cli import main
 from vsense.monitor.recording.reader import open_recording
@@ -56,7 +56,7 @@ def messages() -> list[Message]:
     }
     return [
         Message("/experiment", BEGIN_NS, experiment),
-        Message("/arena", BEGIN_NS + 50, arena_data(state)),
+        Message("/arena", BEGIN_NS + 50, state.data()),
         Message("/readings", BEGIN_NS + 60, readings),
         Message("/robots", BEGIN_NS + 70, {"tag": [23, 24], "battery_mv": [3712, 0]}),
         Message("/event", BEGIN_NS + 80, {"text": "x", "level": "info"}),

@@ -11,7 +11,7 @@ import pytest
 
 from tests.monitor.ui.conftest import Open, Serve
 from tests.monitor.ui.puppet_world import floor_png
-from vsense.vision.cameras.camera import Camera, window_radius
+from vsense.vision.cameras.camera import Camera
 
 RANDOM = np.random.default_rng(4)
 CONE = [245, 140, 60]
@@ -68,7 +68,7 @@ def test_the_page_projects_as_opencv_does(served: Serve, opened: Open) -> None:
         floors = [(f, p[:2]) for f, p in zip(told["floors"], points) if f is not None]
         assert np.abs(np.array([f for f, _ in floors]) - [p for _, p in floors]).max() < 1e-6
         assert told["behind"] == [None, None]
-        assert told["radius"] == pytest.approx(window_radius(camera), abs=0.011)
+        assert told["radius"] == pytest.approx(camera.window_radius(), abs=0.011)
         straight = np.linspace([-0.9, 0.5, 0.0], [0.9, 0.5, 0.0], 2000)
         curve = by_opencv(camera, straight)
         (piece,) = told["line"]
@@ -83,7 +83,7 @@ def test_the_page_projects_as_opencv_does(served: Serve, opened: Open) -> None:
 def test_a_lens_that_folds_back_shows_nothing_beyond() -> None:
     folding = Camera.looking_down("c", 0.0, 0.0, 1.0, 500.0, (2000, 2000), (-0.4, 0, 0, 0, 0))
     # r (1 - 0.4 r^2) rises up to r = sqrt(1 / 1.2).
-    assert window_radius(folding) == pytest.approx((1.0 / 1.2) ** 0.5, abs=0.01)
+    assert folding.window_radius() == pytest.approx((1.0 / 1.2) ** 0.5, abs=0.01)
 
 
 def test_one_key_and_one_button_switch_it(served: Serve, opened: Open) -> None:

@@ -125,7 +125,7 @@ def test_an_alarm_is_published_in_its_timestep_and_so_is_its_end() -> None:
 
 def test_for_nobody_nothing_is_made(monkeypatch: pytest.MonkeyPatch) -> None:
     room = Room()
-    monkeypatch.setattr("vsense.monitor.ui.publisher.arena_data", None)
+    monkeypatch.setattr(ArenaState, "data", None)
     monkeypatch.setattr("vsense.monitor.ui.publisher.messages", None)
     for run_timestep in range(3):
         room.step(run_timestep)

@@ -28,7 +28,7 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
 from tests.rigs.places import DATA, ROOT
-from vsense.base.arena import POSE, ArenaState, arena_data
+from vsense.base.arena import POSE, ArenaState
 from vsense.base.clock import host_ns
 from vsense.base.message_bus import Message, MessageBus
 from vsense.base.terminal import Console
@@ -187,7 +187,7 @@ def arena() -> Message:
     robots["tag"], robots["x_m"], robots["y_m"] = 23, 0.5, 0.25
     robots["yaw_rad"], robots["seen"] = math.pi / 2, True
     now_ns = host_ns()
-    return Message("/arena", now_ns, arena_data(ArenaState(7, now_ns, robots, 1)))
+    return Message("/arena", now_ns, ArenaState(7, now_ns, robots, 1).data())
 
 
 def readings() -> Message:

@@ -17,7 +17,8 @@ from collections.abc import Callable
 from tests.wire.robot_session import Event, RobotSession
 from vsense.base.clock import host_ns
 from vsense.robots.link.keys import LinkTrust, SwarmKeys
-from vsense.robots.link.server import LinkEvent, VirtualSensorServer
+from vsense.robots.link.server import VirtualSensorServer
+from vsense.robots.link.status import LinkEvent
 from vsense.robots.link.table import Direction, Entry, ExpectedRobot, Table
 from vsense.robots.link.wire import PACKET_MAX, GoodbyeCause, ReadingValues, Telemetry
 

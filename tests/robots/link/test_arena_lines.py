@@ -19,7 +19,6 @@ from hypothesis import strategies as st
 
 from tests.robots.link.arena_rig import PATIENCE_S, Told, state
 from tests.robots.link.rig import Clock
-from vsense.base.arena import to_json
 from vsense.robots.link.status import LinkError
 from vsense.robots.link.trackers import lines as arena_lines
 from vsense.robots.link.trackers.lines import (
@@ -105,7 +104,7 @@ def test_the_page_about_it_is_true(listener: ArenaListener) -> None:
 
 def test_what_vsense_track_writes_is_read() -> None:
     arena = state(12, (23, 0.5, 0.25, 3.0), (24, 1.0, 1.0, 0.0), unseen=(24,))
-    line = parse(to_json(arena).encode())
+    line = parse(arena.to_json().encode())
     assert line == Line(12, 1012, 1012, (TrackerReport(23, 0.5, 0.25, 3.0),))
 
 

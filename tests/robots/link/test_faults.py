@@ -28,8 +28,8 @@ from vsense.base.native import lib
 from vsense.robots.link._links import HELLO_NS, UNGREETED_EACH, UNGREETED_MAX
 from vsense.robots.link._roster import TAG_HINT
 from vsense.robots.link.keys import INSECURE
-from vsense.robots.link.server import LinkError, LinkEvent, VirtualSensorServer
-from vsense.robots.link.status import cut_text
+from vsense.robots.link.server import VirtualSensorServer
+from vsense.robots.link.status import LinkError, LinkEvent, cut_text
 from vsense.robots.link.table import ExpectedRobot
 from vsense.robots.link.wire import (
     GoodbyeCause,

@@ -11,7 +11,8 @@ from tests.robots.link.rig import MS, TABLE, Frozen, MakeRobot, S, Server, readi
 from tests.wire.robot_session import Event
 from vsense.base.native import WireError
 from vsense.robots.link.keys import INSECURE
-from vsense.robots.link.server import LinkError, VirtualSensorServer
+from vsense.robots.link.server import VirtualSensorServer
+from vsense.robots.link.status import LinkError
 from vsense.robots.link.table import ExpectedRobot
 from vsense.robots.link.wire import GoodbyeCause, StopCause, Telemetry, Wanted
 

@@ -13,7 +13,7 @@ from tests.bench.homing import HomingField
 from vsense.base.arena import POSE, ArenaState
 from vsense.config.specs import Pose
 from vsense.robots.link.table import STAY, Goal
-from vsense.run.homing import _motion
+from vsense.run.homing import _traffic
 from vsense.run.homing._homing import Homing
 from vsense.run.homing.floor import DrivingFloor
 from vsense.run.homing.robots import HomingLimits, Trouble
@@ -153,11 +153,11 @@ def test_a_pause_takes_nobodys_time() -> None:
 
 def test_the_planner_foretells_what_the_daemon_does() -> None:
     """The numbers of `robot/homing.c`: 930 and 350 steps/s of 0.1288 mm, wheels 53 mm apart."""
-    assert pytest.approx(930 * 0.1288e-3, rel=0.01) == _motion.MAX_M_S
-    assert pytest.approx(2 * 350 * 0.1288 / 53.0, rel=0.01) == _motion.TURN_MAX_RAD_S
-    assert pytest.approx(2 * 514 * 0.1288 / 53.0, rel=0.01) == _motion.TURN_RATE_PER_S
+    assert pytest.approx(930 * 0.1288e-3, rel=0.01) == _traffic.MAX_M_S
+    assert pytest.approx(2 * 350 * 0.1288 / 53.0, rel=0.01) == _traffic.TURN_MAX_RAD_S
+    assert pytest.approx(2 * 514 * 0.1288 / 53.0, rel=0.01) == _traffic.TURN_RATE_PER_S
     poses = np.array([[0.0, 0.0, 0.0]])
-    ahead = _motion.predict(poses, np.zeros((1, 1)), np.full((1, 1), 0.12), np.array([0.2]))
+    ahead = _traffic.predict(poses, np.zeros((1, 1)), np.full((1, 1), 0.12), np.array([0.2]))
     assert ahead[0, 0, 3, 0] == pytest.approx(0.12) and ahead[0, 0, -1, 0] == pytest.approx(0.2)
 
 
@@ -195,14 +195,14 @@ def test_each_robot_keeps_clear_of_the_bodies_that_there_are() -> None:
 
 
 def driven(pose: Pose, goal: Goal) -> Pose:
-    """Where a robot is 0.1 s later by the law of `_motion`, without the daemon's whole numbers."""
+    """Where a robot is 0.1 s later by the law of `_traffic`, without the daemon's whole numbers."""
     far_m, aside = math.hypot(goal.x_mm, goal.y_mm) / 1e3, math.atan2(goal.y_mm, goal.x_mm)
     if far_m < 0.005:
         far_m, aside = 0.0, goal.heading / 1e4
-    most = _motion.TURN_MAX_RAD_S
-    turn = 0.1 * min(max(_motion.TURN_RATE_PER_S * aside, -most), most)
-    speed = min(_motion.MAX_M_S, _motion.RATE_PER_S * far_m)
-    ahead = 0.1 * speed * max(0.0, 1.0 - abs(aside) / _motion.NARROW_RAD)
+    most = _traffic.TURN_MAX_RAD_S
+    turn = 0.1 * min(max(_traffic.TURN_RATE_PER_S * aside, -most), most)
+    speed = min(_traffic.MAX_M_S, _traffic.RATE_PER_S * far_m)
+    ahead = 0.1 * speed * max(0.0, 1.0 - abs(aside) / _traffic.NARROW_RAD)
     yaw = pose.yaw_rad + turn / 2.0
     return Pose(
         pose.x_m + ahead * math.cos(yaw), pose.y_m + ahead * math.sin(yaw), pose.yaw_rad + turn

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import ArrayLike
 
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import MarkerFamily, SquareFamily
@@ -197,3 +198,15 @@ def inclined(lean_deg: float, focal_px: float) -> Camera:
     return Camera(
         "c", *INCLINED_PX, focal_px, focal_px, *middle, lens, tuple(turn.ravel()), tuple(place)
     )
+
+
+def lay_over(
+    picture: np.ndarray, camera: Camera, robot: Robot, corners: ArrayLike, shade: int
+) -> None:
+    """Covers a rectangle of a marker, of which `corners` are two: rear right and front left."""
+    (rear, right), (front, left) = np.asarray(corners)
+    at = np.array([(rear, right), (front, right), (front, left), (rear, left)])
+    c, s = np.cos(robot.yaw_rad), np.sin(robot.yaw_rad)
+    places = np.array([robot.x_m, robot.y_m]) + at @ np.array([[c, s], [-s, c]])
+    pixels = camera.project(np.column_stack((places, np.full(4, HEIGHT_M))))
+    cv2.fillConvexPoly(picture, np.rint(16 * pixels).astype(np.int32), shade, cv2.LINE_AA, 4)

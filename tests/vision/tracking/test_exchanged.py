@@ -6,11 +6,10 @@ was says nothing then, and what is seen of the cells may say little.
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 import pytest
 
-from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, cell_corners, render
+from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, cell_corners, lay_over, render
 from vsense.base.arena import ArenaState, Frame
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import MarkerFamily, choose_tags, load_family
@@ -28,13 +27,7 @@ def cover(picture: np.ndarray, robot: Robot, corners: np.ndarray, rng: np.random
     covered, axis, end = corners.copy(), rng.integers(2), rng.integers(2)
     share = rng.uniform(0.2, 1.0)
     covered[1 - end, axis] += (1.0 - share) * (corners[end, axis] - corners[1 - end, axis])
-    (low, right), (high, left) = covered
-    at = np.array([(low, right), (high, right), (high, left), (low, left)])
-    c, s = np.cos(robot.yaw_rad), np.sin(robot.yaw_rad)
-    places = np.array([robot.x_m, robot.y_m]) + at @ np.array([[c, s], [-s, c]])
-    pixels = CAMERA.project(np.column_stack((places, np.full(4, HEIGHT_M))))
-    shade = int(rng.choice(SHADES))
-    cv2.fillConvexPoly(picture, np.rint(16 * pixels).astype(np.int32), shade, cv2.LINE_AA, 4)
+    lay_over(picture, CAMERA, robot, covered, int(rng.choice(SHADES)))
 
 
 def exchanged(robots: list[Robot]) -> list[Robot]:

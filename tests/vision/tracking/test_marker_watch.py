@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, cell_corners, render
+from tests.vision.tracking.synthetic import HEIGHT_M, Look, Robot, cell_corners, lay_over, render
 from vsense.base.arena import Frame
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import MarkerFamily, SquareFamily, choose_tags, load_family
@@ -72,11 +72,7 @@ def tape(picture: np.ndarray, family: Family, robot: Robot, share: float, shade:
     """Sticks something over a share of a marker's cells, from their rear."""
     (rear, right), (front, left) = cell_corners(family)
     front = rear + share * (front - rear)
-    at = np.array([(rear, right), (front, right), (front, left), (rear, left)])
-    c, s = np.cos(robot.yaw_rad), np.sin(robot.yaw_rad)
-    places = np.array([robot.x_m, robot.y_m]) + at @ np.array([[c, s], [-s, c]])
-    pixels = CAMERA.project(np.column_stack((places, np.full(4, HEIGHT_M))))
-    cv2.fillConvexPoly(picture, np.rint(16 * pixels).astype(np.int32), shade, cv2.LINE_AA, 4)
+    lay_over(picture, CAMERA, robot, ((rear, right), (front, left)), shade)
 
 
 def nothing(time_s: float, picture: np.ndarray, robots: list[Robot]) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -42,13 +42,15 @@ def sensor(xml: str, scope: Scope | None = None) -> Any:
     return mount(xml, scope).sensor
 
 
-def arena_state(places: Places, capture_ns: int = STEP_NS) -> ArenaState:
-    """Makes an arena state in which all are seen."""
+def arena_state(
+    places: Places, capture_ns: int = STEP_NS, lost: Collection[int] = ()
+) -> ArenaState:
+    """Makes an arena state in which all are seen but those that are lost."""
     robots = np.zeros(len(places), dtype=POSE)
     for row, (tag, place) in zip(robots, sorted(places.items())):
-        row["tag"], row["seen"], row["capture_ns"] = tag, True, capture_ns
+        row["tag"], row["seen"], row["capture_ns"] = tag, tag not in lost, capture_ns
         row["x_m"], row["y_m"], row["yaw_rad"] = place
-    return ArenaState(capture_ns // STEP_NS, capture_ns, robots, len(places))
+    return ArenaState(capture_ns // STEP_NS, capture_ns, robots, len(places) - len(lost))
 
 
 def world_of(places: Places, entities: Iterable[Entity] = (), **arguments: Any) -> World:

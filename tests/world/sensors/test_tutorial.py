@@ -15,7 +15,7 @@ from vsense.config import devices
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment
 from vsense.robots import build
-from vsense.robots.inprocess import CompiledProgram
+from vsense.robots.inprocess import CompiledProgram, ProgramSetup
 from vsense.robots.link.wire import Wanted
 from vsense.run.environment import Environment
 
@@ -67,7 +67,9 @@ def test_its_value_reaches_the_controller(experiment: Experiment) -> None:
     environment = Environment(experiment, seed=1)
     library = build.shared(experiment.controllers[0].library, experiment.path.parent)
     params = experiment.controllers[0].params_text
-    robots = CompiledProgram(library, TAGS, environment.equipment[0].table, STEP_NS, 1, params)
+    robots = CompiledProgram(
+        ProgramSetup(library, TAGS, environment.equipment[0].table, STEP_NS, 1, params)
+    )
     own_proximity = np.zeros((4, 8), dtype=np.int16)
     for k in range(3):
         capture_ns = (k + 1) * STEP_NS

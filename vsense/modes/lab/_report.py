@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vsense.base import clock
 from vsense.base.shared import LabError
-from vsense.base.terminal import measure_rows
+from vsense.base.terminal import figure, measure_rows
 from vsense.config.specs import Experiment, RobotSpec
 from vsense.modes.lab import _metrics
 from vsense.modes.lab._metrics import SwarmTruth
@@ -24,7 +24,7 @@ from vsense.modes.lab.session import RunNotes, Session
 from vsense.modes.lab.truth import read_truth
 from vsense.monitor.pictures import run_figure
 from vsense.robots.link.status import RING_LEDS
-from vsense.run.figures import StepTimes, late_text, link_row, number, percent
+from vsense.run.figures import StepTimes, late_text, link_row
 from vsense.run.remote import COMMAND
 from vsense.run.verdict import judged, table_rows
 
@@ -168,7 +168,7 @@ def _agreement(sensing: dict[str, Any]) -> str:
     shares = sensing["agreement_in"], sensing["agreement_out"]
     if shares == (None, None):
         return ""
-    inside, outside = (percent(share, 2) for share in shares)
+    inside, outside = (figure(share, " %", 2, 100.0) for share in shares)
     return f"; agree with the truth {inside} inside the cone, {outside} outside"
 
 
@@ -219,7 +219,7 @@ def table(summary: dict[str, Any]) -> str:
         (
             "sensing",
             f"{sensing['readings']} of {sensing['expected']} readings at the robots,"
-            f" {percent(sensing['fresh_share'], 2)} fresh{_agreement(sensing)}",
+            f" {figure(sensing['fresh_share'], ' %', 2, 100.0)} fresh{_agreement(sensing)}",
         ),
         *_metrics.swarm_rows(summary.get("swarm"), summary["robots"]),
         *measure_rows(summary["measures"]),
@@ -229,6 +229,6 @@ def table(summary: dict[str, Any]) -> str:
     lines = [f"{name:<10}{text}" for name, text in rows]
     lines.append(f"{'latency':<10}{'from capture, in ms':<22}{'p50':>8}{'p99':>8}{'max':>8}")
     for name, spread in latency.items():
-        figures = "".join(f"{number(spread[key]):>8}" for key in ("p50", "p99", "max"))
+        figures = "".join(f"{figure(spread[key]):>8}" for key in ("p50", "p99", "max"))
         lines.append(f"{'':<10}{_LATENCIES.get(name, name.replace('_', ' ')):<22}{figures}")
     return "\n".join(lines)

@@ -22,8 +22,8 @@ from vsense.monitor.ui.messages import ExperimentFacts
 from vsense.monitor.ui.room import ControlRoom
 from vsense.robots.link.keys import LinkTrust
 from vsense.robots.link.legacy.server import MixedServer
-from vsense.robots.link.server import LinkEvent, VirtualSensorServer
-from vsense.robots.link.status import EventKind, RobotStatus
+from vsense.robots.link.server import VirtualSensorServer
+from vsense.robots.link.status import EventKind, LinkEvent, RobotStatus
 from vsense.robots.link.wire import GoodbyeCause
 from vsense.run.cast import Cast, parts_of, recast, spares_for
 from vsense.run.changes import Changes
@@ -35,14 +35,13 @@ from vsense.run.homing.starts import Starts, say_end, say_next
 from vsense.run.robots import (
     Readiness,
     RunBatteries,
-    battery_words,
     expected_robots,
     low_batteries,
     make_server,
 )
 from vsense.run.runner import Runner
 from vsense.run.runtime import Runtime, Step
-from vsense.run.verdict import RunRecord, VoidCriteria, judge
+from vsense.run.verdict import RunRecord, VoidCriteria
 from vsense.run.watch import ArenaSource
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.cameras.grabber import Troubles
@@ -240,9 +239,8 @@ class ExperimentSession(ABC):
     def _leave_out_low(self) -> None:
         """Has those whose batteries are low rest in the run, and says who they are."""
         low = low_batteries(self.runner.robots, self.setup.battery_v)
-        for tag, volts in low.items():
-            words = f"robot {tag} {battery_words(volts)}: it stands in this run"
-            self.setup.console.say(words, "warning")
+        for tag, words in low.items():
+            self.setup.console.say(f"robot {tag} {words}: it stands in this run", "warning")
         self.resting = tuple(self.runner.robots[tag].name for tag in low)
         self.server.rest(low)
 
@@ -277,7 +275,7 @@ class ExperimentSession(ABC):
         if isinstance(self.server, MixedServer):
             return
         low = low_batteries(self.runner.robots, self.setup.battery_v)
-        reasons = {tag: f"robot {tag} {battery_words(volts)}" for tag, volts in low.items()}
+        reasons = {tag: f"robot {tag} {words}" for tag, words in low.items()}
         self._cast.ask_for_spares(reasons, self.setup.console.say)
 
     def _recast(self, pair: Pair) -> None:
@@ -304,7 +302,7 @@ class ExperimentSession(ABC):
     def judge(self, record: RunRecord) -> None:
         """Has page, recording and terminal know whether the run that is over is valid."""
         if record.timesteps:
-            self.setup.room.judge(judge(record, self.setup.criteria).facts())
+            self.setup.room.judge(record.judge(self.setup.criteria).facts())
 
     def next_run(self) -> None:
         """Goes back to before the start of the next run, whose seed is one more."""

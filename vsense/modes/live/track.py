@@ -12,8 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base import arena
-from vsense.base.arena import ArenaState, Frame
+from vsense.base.arena import CSV_HEADER, ArenaState, Frame
 from vsense.base.clock import host_ns
 from vsense.base.errors import GrabberError, NoMorePictures, UsageError, VsenseError, failing_as
 from vsense.base.terminal import Console, Interruption, drop_output, interruption
@@ -212,7 +211,7 @@ class TrackingRun:
     def _track(self) -> None:
         csv = self._options.format == "csv"
         if csv and not self._options.json:
-            print(arena.CSV_HEADER, flush=True)
+            print(CSV_HEADER, flush=True)
         while self._goes_on():
             if (moment := self._next()) is not None:
                 self._take(*moment, csv)
@@ -308,7 +307,7 @@ class TrackingRun:
     def _print(self, state: ArenaState, csv: bool) -> None:
         if self._options.json:
             return
-        text = arena.to_csv(state) if csv else arena.to_json(state)
+        text = state.to_csv() if csv else state.to_json()
         if text:
             # A reader at the other end of a pipe wants a state when it is new.
             print(text, flush=not self._options.offline)

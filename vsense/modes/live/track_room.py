@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 import vsense
-from vsense.base.arena import ArenaState, Frame, arena_data
+from vsense.base.arena import ArenaState, Frame
 from vsense.base.clock import host_ns
 from vsense.base.files import free_bytes
 from vsense.base.sharing import user_name
@@ -20,7 +20,7 @@ from vsense.modes.live._runs import Runs
 from vsense.monitor.recording.form import Data, ExperimentMessage, RunMessage
 from vsense.monitor.ui import keyboard, messages
 from vsense.monitor.ui.control_socket import TRACKER_SUFFIX
-from vsense.monitor.ui.publisher import RATE_TIMESTEPS, SECOND_NS, Rates, silence_s
+from vsense.monitor.ui.publisher import SECOND_NS, Rates, silence_s
 from vsense.monitor.ui.room import ControlRoom, RoomCallbacks
 from vsense.monitor.ui.tables import CameraTable
 from vsense.run.orders import Order, OrderError
@@ -66,7 +66,7 @@ class TrackRoom:
         self._room, self._bus = room, room.bus
         self._session = session
         self._board = CameraTable([view.camera for view in session.views], troubles)
-        self._rates = Rates(RATE_TIMESTEPS)
+        self._rates = Rates()
         self._joined, self._due_ns = -1, 0
         self._published: object = None
         self._state: ArenaState | None = None
@@ -91,7 +91,7 @@ class TrackRoom:
         timestep = runs.counts.timestep if runs is not None and runs.running else -1
         self.rest()
         self._bus.notify(
-            "/arena", state.capture_ns, lambda: {**arena_data(state), "run_timestep": timestep}
+            "/arena", state.capture_ns, lambda: {**state.data(), "run_timestep": timestep}
         )
         self._room.show(frames)
 

@@ -16,14 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.errors import VsenseError
-from vsense.base.native import WireError, kernel_ffi, kernels, lib
+from vsense.base.native import WireError, kernel_ffi, kernels, lib, pointer
 from vsense.modes.sim._chained_bank import ChainedBank, kernel_of
 from vsense.modes.sim._record import SimulatedTracker, SimulationRecord
 from vsense.robots.inprocess import ProgramKernel
 from vsense.run.environment import Environment
 from vsense.run.programs import Programs
 from vsense.world.actuators.base import ActuatorError
-from vsense.world.physics.motion import Physics, pointer
+from vsense.world.physics.motion import Physics
 from vsense.world.physics.proximity_ring import ProximityRing
 from vsense.world.sensors.base import SensorError
 

@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.native import kernel_ffi
+from vsense.base.native import kernel_ffi, pointer
 from vsense.robots.inprocess import ProgramKernel
 from vsense.robots.program import Program
 from vsense.run.environment import Equipment
 from vsense.world.actuators.bank import ActuatorKernel
-from vsense.world.physics.motion import pointer
 from vsense.world.rays import MovingBodies
 from vsense.world.sensors.bank import SensorKernel
 from vsense.world.sensors.geometry import SensedScene

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from vsense.base.arena import POSE, ArenaState, Floats
 from vsense.base.errors import VsenseError, failing_as
-from vsense.base.native import kernel_ffi, kernels
+from vsense.base.native import kernel_ffi, kernels, pointer
 from vsense.base.terminal import Level
 from vsense.config.specs import Experiment
 from vsense.modes.lab import _metrics
@@ -21,8 +21,7 @@ from vsense.monitor.pictures.run_samples import RunSamples
 from vsense.monitor.recording import EVENTS, SHOWN, changes
 from vsense.robots.link.status import RING_LEDS
 from vsense.robots.link.wire import ShownData
-from vsense.world.physics.motion import pointer
-from vsense.world.sightings import POSE_FIELDS, rows_pointer
+from vsense.world.sightings import POSE_FIELDS
 from vsense.world.world import World
 
 if TYPE_CHECKING:
@@ -62,7 +61,7 @@ class SimulatedTracker:
         self.cdata.fields, self.cdata.count = POSE_FIELDS, len(tags)
         self.cdata.order = pointer("uint32_t", self._keep_alive[0])
         self.cdata.last, self.cdata.last_ns = pointer("double", self._keep_alive[1]), -1
-        self.cdata.states = rows_pointer(self._states)
+        self.cdata.states = pointer("uint8_t", self._states)
 
     def update(self, poses: Floats, timestep: int, capture_ns: int) -> ArenaState:
         """Sees all true poses (n, 3) x_m, y_m, yaw_rad in (-pi, pi] at a later time than before."""

@@ -22,7 +22,7 @@ from vsense.monitor.recording import MCAP, size_line
 from vsense.run import directory as run_directory
 from vsense.run.directory import LOGGED, TRAJECTORY
 from vsense.run.environment import MOST_SEED
-from vsense.run.verdict import VoidCriteria, exit_code, judge, table_rows
+from vsense.run.verdict import VoidCriteria, exit_code, table_rows
 
 if TYPE_CHECKING:
     from vsense.modes.sim._room import SimRoom, WatchedRuns
@@ -209,7 +209,7 @@ class _SingleRun:
         """A run's figures with their verdict."""
         record = record_of(result, ended)
         swarm = {"swarm": result["swarm"]} if self.experiment.sources else {}
-        verdict = judge(record, VoidCriteria()).facts()
+        verdict = record.judge(VoidCriteria()).facts()
         return {**_summarise(job, result), "ended": record.ended, **swarm, **verdict}
 
     def _report(

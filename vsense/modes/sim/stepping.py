@@ -24,6 +24,7 @@ from vsense.base.errors import UsageError, instead
 from vsense.config.specs import ControllerSpec, Experiment
 from vsense.modes.sim._simulation import Simulation
 from vsense.robots.hosted import HostedProgram, build_host
+from vsense.robots.inprocess import ProgramSetup
 from vsense.robots.python_swarm import Leds, Swarm
 from vsense.run.environment import MOST_SEED
 from vsense.run.programs import shared_objects
@@ -224,9 +225,9 @@ class _Turns:
         self._leaves = True
         self._orders.put(None)
 
-    def open(self, *arguments: Any, **named: Any) -> HostedProgram:
+    def open(self, setup: ProgramSetup) -> HostedProgram:
         """Makes the program of the robots."""
-        self.program = _SteppedProgram(self._turn, *arguments, **named)
+        self.program = _SteppedProgram(self._turn, setup)
         return self.program
 
     def work(self, run: Simulation) -> None:
@@ -255,9 +256,9 @@ class _Turns:
 class _SteppedProgram(HostedProgram):
     """Robots whose control step is `turn`."""
 
-    def __init__(self, turn: Callable[[], None], *arguments: Any, **named: Any) -> None:
+    def __init__(self, turn: Callable[[], None], setup: ProgramSetup) -> None:
         self._turn = turn
-        super().__init__(*arguments, **named)
+        super().__init__(setup)
         self.swarm.refuse_unknown()
 
     def act(self) -> None:

@@ -1,6 +1,7 @@
 """Where places of the arena are in a picture: from above, or through a camera's lens.
 
-Both take places relative to the arena's middle and give px of the finished picture.
+Both take places relative to the arena's middle and give px of the finished picture. Straight things
+are cut before the lens bends them.
 """
 
 from __future__ import annotations
@@ -14,18 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.arena import Floats, Image
-from vsense.vision.cameras.camera import (
-    NEAR_PLANE_M,
-    Camera,
-    Image32,
-    cut,
-    cut_to_disc,
-    distort,
-    everywhere,
-    undistort,
-    window_radius,
-    within_disc,
-)
+from vsense.vision.cameras.camera import Camera, Image32, everywhere
+
+NEAR_PLANE_M = 0.02
+"""What is nearer to a camera's plane than this, or behind it, is not shown."""
 
 _BEND_PX = 6.0
 """A line is bent by the lens at points that are at most so far apart."""
@@ -112,16 +105,16 @@ class ThroughLens:
         self._camera = camera
         self._turn = np.reshape(camera.rotation, (3, 3))
         self._origin = np.array(camera.position_m) - (*middle_m, 0.0)
-        self._radius = window_radius(camera)
+        self._radius = camera.window_radius()
         self._step = _BEND_PX / (max(camera.fx_px, camera.fy_px) * self.zoom)
 
     def area(self, corners_m: Floats) -> Floats:
         """See `Projection`."""
         seen = self._seen(corners_m)
-        front = cut(seen, seen[:, 2] - NEAR_PLANE_M)
+        front = _cut(seen, seen[:, 2] - NEAR_PLANE_M)
         if len(front) < 3:
             return np.empty((0, 2))
-        plane = cut_to_disc(front[:, :2] / front[:, 2:], self._radius)
+        plane = _cut_to_disc(front[:, :2] / front[:, 2:], self._radius)
         if len(plane) < 3:
             return np.empty((0, 2))
         return self._bent(self._path(np.vstack((plane, plane[:1])))[:-1])
@@ -183,7 +176,7 @@ class ThroughLens:
             meeting = start + (NEAR_PLANE_M - start[2]) / way[2] * way
             start, end = (meeting, end) if start[2] < NEAR_PLANE_M else (start, meeting)
         first, last = start[:2] / start[2], end[:2] / end[2]
-        shares = within_disc(first, last, self._radius)
+        shares = _within_disc(first, last, self._radius)
         if shares is None:
             return None
         low, high = shares
@@ -209,11 +202,7 @@ class ThroughLens:
 
     def _bent(self, plane: Floats) -> Floats:
         """Points of the image plane in the picture, (n, 2) px."""
-        camera = self._camera
-        u, v = distort(plane[:, 0], plane[:, 1], camera.distortion)
-        pixels = np.stack(
-            (camera.fx_px * u + camera.cx_px, camera.fy_px * v + camera.cy_px), axis=-1
-        )
+        pixels = self._camera.shown(plane[:, 0], plane[:, 1])
         return np.asarray((pixels + 0.5) * self.zoom - 0.5)
 
     @cached_property
@@ -227,11 +216,7 @@ class ThroughLens:
         def floor(pixels: Floats) -> Floats:
             own = (pixels + 0.5) / zoom - 0.5
             with np.errstate(all="ignore"):
-                x, y = undistort(
-                    (own[..., 0] - camera.cx_px) / camera.fx_px,
-                    (own[..., 1] - camera.cy_px) / camera.fy_px,
-                    camera.distortion,
-                )
+                x, y = camera.straightened(own)
                 rays = np.stack((x, y, np.ones_like(x)), axis=-1) @ self._turn
                 reach = -self._origin[2] / rays[..., 2]
                 places = self._origin[:2] + reach[..., None] * rays[..., :2]
@@ -246,3 +231,52 @@ def upright(outline_m: NDArray[np.floating], height_m: float) -> Floats:
     """(n, 2) places at a height, (n, 3)."""
     places = np.asarray(outline_m, np.float64)
     return np.column_stack((places, np.full(len(places), height_m)))
+
+
+def _cut(points: Floats, distances: Floats) -> Floats:
+    """Returns the part of an area (n, k) on one side: where the corners' distances are not < 0."""
+    inside = distances >= 0.0
+    if inside.all():
+        return points
+    if not inside.any():
+        return points[:0]
+    corners = []
+    for here in range(len(points)):
+        there = (here + 1) % len(points)
+        if inside[here]:
+            corners.append(points[here])
+        if inside[here] != inside[there]:
+            share = distances[here] / (distances[here] - distances[there])
+            corners.append(points[here] + share * (points[there] - points[here]))
+    return np.array(corners)
+
+
+_SIDES = 48
+_TURNS = (np.arange(_SIDES) + 0.5) * 2.0 * np.pi / _SIDES
+_NORMALS = np.stack((np.cos(_TURNS), np.sin(_TURNS)), axis=-1)
+
+
+def _cut_to_disc(points: Floats, radius: float) -> Floats:
+    """Returns the part of an area of (n, 2) corners in a polygon inside of the disc."""
+    reach = radius * float(np.cos(np.pi / _SIDES))
+    if len(points) == 0 or float(np.hypot(*points.T).max()) <= reach:
+        return points
+    for normal in _NORMALS:
+        points = _cut(points, reach - points @ normal)
+        if len(points) == 0:
+            break
+    return points
+
+
+def _within_disc(start: Floats, end: Floats, radius: float) -> tuple[float, float] | None:
+    """Which part of a line from (2,) to (2,) lies in the disc: two shares of it; None: nothing."""
+    way = end - start
+    square = float(way @ way)
+    if square == 0.0:
+        return (0.0, 1.0) if float(start @ start) <= radius * radius else None
+    middle = -float(start @ way) / square
+    half = middle * middle - (float(start @ start) - radius * radius) / square
+    if half <= 0.0:
+        return None
+    first, last = max(middle - half**0.5, 0.0), min(middle + half**0.5, 1.0)
+    return (first, last) if first < last else None

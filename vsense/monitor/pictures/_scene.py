@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from vsense.base.arena import Floats, Image
 from vsense.base.canvas import INK, MUTED, Canvas, Colour, width_of
 from vsense.monitor.pictures._projections import Projection, upright
-from vsense.monitor.pictures._world_snapshot import Lamp, Patch, Solid, WorldSnapshot
+from vsense.monitor.pictures.run_samples import Lamp, Patch, Solid, WorldSnapshot
 from vsense.world.robot_models import EPUCK
 
 CONE: Colour = (60, 140, 245)

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.arena import Image
-from vsense.vision.cameras.camera import NEAR_PLANE_M, Camera, Image32, everywhere, window_radius
+from vsense.monitor.pictures._projections import NEAR_PLANE_M
+from vsense.vision.cameras.camera import Camera, Image32, everywhere
 from vsense.world.entities import Arena
 
 _SEAM_M = 0.02
@@ -126,7 +127,7 @@ def _before(camera: Camera, x: Image32, y: Image32, height_m: float) -> NDArray[
         row[0] * (x - place[0]) + row[1] * (y - place[1]) + row[2] * (height_m - place[2])
         for row in turn
     )
-    reach = window_radius(camera) * deep
+    reach = camera.window_radius() * deep
     return np.asarray((deep >= NEAR_PLANE_M) & (np.hypot(across, down) <= reach))
 
 

@@ -19,14 +19,11 @@ from vsense.base.canvas import INK, MUTED, SCALE, Canvas, Colour
 from vsense.base.errors import VsenseError
 from vsense.base.terminal import spoken
 from vsense.config.specs import Experiment
-from vsense.monitor.pictures import _arena_view
-from vsense.monitor.pictures._arena_view import VIEW_PX
-from vsense.monitor.pictures._camera_view import CameraPanels
 from vsense.monitor.pictures._chart import CHART_PX, Chart, ChartSeries, draw_chart
 from vsense.monitor.pictures._scene import CONE, DARK, ArenaMoment
 from vsense.monitor.pictures._stitch import Shade, TopView
-from vsense.monitor.pictures._world_snapshot import WorldSnapshot, take_snapshot
-from vsense.monitor.pictures.run_samples import RunSamples
+from vsense.monitor.pictures._views import VIEW_PX, CameraPanels, draw_from_above
+from vsense.monitor.pictures.run_samples import RunSamples, WorldSnapshot, take_snapshot
 from vsense.vision.cameras.camera import Camera
 from vsense.world.entities import Arena
 from vsense.world.world import World
@@ -92,7 +89,7 @@ def draw(run: RunFigure, heading: str, subtitle: str) -> Image:
     Returns an (h, w, 3) BGR image.
     """
     moments, curves = _moments(run), charts(run)
-    panels = [_arena_view.draw(scene) for scene, _ in moments]
+    panels = [draw_from_above(scene) for scene, _ in moments]
     height = panels[0].shape[0] // SCALE
     width = MARGIN + (VIEW_PX + MARGIN) * len(panels)
     rows = [grid for _, grid in moments if grid is not None]
@@ -193,7 +190,7 @@ def draw_arena(
         heights_m=np.array([experiment.marker_height_m(r.model) for r in experiment.robots]),
         radii_m=np.array([robot.model.radius_m for robot in experiment.robots]),
     )
-    return _arena_view.draw(moment, width_px, scale=1)
+    return draw_from_above(moment, width_px, scale=1)
 
 
 def _note(run: RunFigure, row: int) -> str:

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from vsense.base.arena import UNNAMED, ArenaState, Floats, Frame, Image
 from vsense.base.canvas import FONT, INK, MUTED, Canvas, Colour
-from vsense.monitor.pictures._camera_view import as_they_hang, levels_of, lightened
 from vsense.monitor.pictures._projections import ThroughLens
+from vsense.monitor.pictures._views import as_they_hang, levels_of, lightened
 from vsense.vision.cameras.camera import Camera
 
 PANEL_PX = 960

@@ -13,9 +13,8 @@ import numpy as np
 from vsense.base.arena import Image
 from vsense.base.canvas import INK, MUTED, Canvas, Colour, width_of
 from vsense.base.terminal import spoken
-from vsense.monitor.pictures import _arena_view
-from vsense.monitor.pictures._camera_view import CameraPanels, shape_of
 from vsense.monitor.pictures._scene import CONE, DARK
+from vsense.monitor.pictures._views import CameraPanels, draw_from_above, shape_of
 from vsense.monitor.recording import IN_CONE, LIT_IN_CONE
 from vsense.monitor.recording._scenes import RecordedScenes
 from vsense.vision.cameras.camera import Camera
@@ -127,7 +126,7 @@ class Film:
         self._head(canvas)
         moment = self._scenes.moment()
         if self._arena_at is not None:
-            panel = None if moment is None else _arena_view.draw(moment, self._arena_at.width, 1)
+            panel = None if moment is None else draw_from_above(moment, self._arena_at.width, 1)
             self._put(canvas, panel, self._arena_at)
         if self._cameras_at is not None:
             self._put(canvas, self._seen(pictures, now_ns), self._cameras_at)

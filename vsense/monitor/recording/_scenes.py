@@ -20,7 +20,7 @@ import numpy as np
 from vsense.base.arena import Floats
 from vsense.base.message_bus import Message
 from vsense.monitor.pictures._scene import ArenaMoment, Senses
-from vsense.monitor.pictures._world_snapshot import WorldSnapshot, floor_raster, grid, make_snapshot
+from vsense.monitor.pictures.run_samples import WorldSnapshot, floor_raster, grid, make_snapshot
 from vsense.monitor.recording import IN_CONE, LIT_IN_CONE
 from vsense.monitor.recording.form import ExperimentMessage
 from vsense.monitor.recording.measures import count_swarm

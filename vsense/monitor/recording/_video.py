@@ -86,7 +86,7 @@ class Video:
     def write(self, path: Path, report: Callable[[int], None], stopped: Callable[[], bool]) -> bool:
         """Writes the video; false where it was stopped, and then nothing is left of it.
 
-        `progress` is called with the number of frames so far.
+        `report` is called with the number of frames so far.
 
         Raises:
             RecordingError: the file is there already, or cannot be written.

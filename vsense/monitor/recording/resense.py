@@ -272,7 +272,7 @@ class Resensing:
 
 
 def arena_state(data: Mapping[str, Any]) -> ArenaState:
-    """What `arena_data` was made of, as far as a world sees it."""
+    """What `ArenaState.data` was made of, as far as a world sees it."""
     columns = data["robots"]
     robots = np.zeros(len(columns["tag"]), POSE)
     for name in POSE.names or ():

@@ -15,7 +15,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from vsense.base.arena import ArenaState, Frame, arena_data
+from vsense.base.arena import ArenaState, Frame
 from vsense.base.message_bus import Message
 from vsense.monitor.recording import form
 from vsense.monitor.recording.form import RecordingError
@@ -208,7 +208,7 @@ class Retracking:
         """Adds a picture; when all of a timestep are there, tracks."""
         if self._tracking is not None and self._pictures.add(message):
             state, _ = self._tracking.next(0.0)
-            self._now[state.capture_ns] = arena_data(state)
+            self._now[state.capture_ns] = state.data()
             if len(self._now) > _REMEMBERED:
                 del self._now[next(iter(self._now))]
             self._compare(state.capture_ns)

@@ -36,10 +36,10 @@ class FoxgloveError(VsenseError):
 def check_foxglove(address: FoxgloveAddress | None, taken: Collection[int | None] = ()) -> None:
     """Refuses what cannot be served, before anything is started; None: nothing is asked for.
 
-    `taken_ports` are the run's other ports.
+    `taken` are the run's other ports.
 
     Raises:
-        UsageError: the package is missing, or the port is one of `taken_ports`.
+        UsageError: the package is missing, or the port is one of `taken`.
         VsenseError: another program has the port, or the host is unknown.
     """
     if address is None:

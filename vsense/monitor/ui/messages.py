@@ -18,7 +18,7 @@ import numpy as np
 
 import vsense
 from vsense.config.specs import ControllerSpec, Experiment, ObjectSpec, RobotSpec
-from vsense.monitor.pictures._camera_view import as_they_hang
+from vsense.monitor.pictures._views import as_they_hang
 from vsense.monitor.recording.form import PART_COLUMNS, Data, ExperimentMessage
 from vsense.robots.link.table import Direction, Entry
 from vsense.run.environment import Environment, Equipment

@@ -15,7 +15,7 @@ from typing import Protocol
 import cv2
 import numpy as np
 
-from vsense.base.arena import ArenaState, Frame, arena_data
+from vsense.base.arena import ArenaState, Frame
 from vsense.base.clock import host_ns, pace
 from vsense.base.message_bus import Message, MessageBus
 from vsense.monitor.recording import _senses, form
@@ -37,16 +37,15 @@ from vsense.run.runtime import Step
 
 SECOND_NS = 1_000_000_000
 FIELDS_NS = HISTORY_NS = SECOND_NS // 2
-RATE_TIMESTEPS = 100
+_RATE_TIMESTEPS = 100
 """Timesteps that rates and latencies are taken from."""
 
 
 class Rates:
-    """How often arena states come, and how old pictures are at the end of a timestep, from the last
-    `window` timesteps."""
+    """How often arena states come, and how old pictures are at the end of a timestep, lately."""
 
-    def __init__(self, window: int) -> None:
-        self._times: deque[tuple[int, int]] = deque(maxlen=window)
+    def __init__(self) -> None:
+        self._times: deque[tuple[int, int]] = deque(maxlen=_RATE_TIMESTEPS)
 
     def add(self, capture_ns: int, done_ns: int) -> None:
         """Counts a timestep."""
@@ -135,7 +134,7 @@ class Publisher:
         self._equip(environment)
         self._cameras = CameraTable(facts.cameras, facts.troubles)
         self._state: ArenaState | None = None
-        self._rates = Rates(RATE_TIMESTEPS)
+        self._rates = Rates()
         self._published: dict[str, object] = {}
         self._due_ns = self._fields_due_ns = self._late = self._looked_ns = 0
         self._run_timestep = self._joined = -1
@@ -310,7 +309,7 @@ def leds_of(robots: Mapping[int, RobotStatus]) -> dict[int, int]:
 
 
 def _arena(step: Step) -> Data:
-    return {**arena_data(step.state), "run_timestep": step.run_timestep}
+    return {**step.state.data(), "run_timestep": step.run_timestep}
 
 
 def silence_s(age_ns: int) -> float:

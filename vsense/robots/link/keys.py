@@ -98,7 +98,13 @@ def robot_file(uid: bytes, key: bytes) -> str:
 
 
 def daemon_options(uid: bytes, keys: KeySource | None, file: Path) -> list[str]:
-    """The options of `vsensed` that say who a robot is; writes its own file if there are keys."""
+    """The options that say to a `vsensed` on this machine who it is; writes its key's file.
+
+    `keys` None: there are none.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
     if keys is None:
         return ["--uid", uid.hex(), "--insecure"]
     write_private(file, robot_file(uid, keys.robot_key(uid)), 0o600)

@@ -30,8 +30,6 @@ from vsense.robots.link.status import (
 from vsense.robots.link.table import STAY, ExpectedRobot, Goal
 from vsense.robots.link.wire import GoodbyeCause, ReadingValues, ShownData, Wanted
 
-__all__ = ["LinkError", "LinkEvent", "RobotStatus", "VirtualSensorServer"]
-
 MOVING = frozenset({Wanted.RUN, Wanted.HOME})
 """In these the wheels may turn; in the others they stand still."""
 

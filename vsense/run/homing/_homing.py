@@ -16,8 +16,15 @@ from vsense.base.arena import ArenaState, Floats, wrap_angle
 from vsense.config.specs import Pose
 from vsense.robots.link.table import STAY, Goal
 from vsense.run.homing._assignment import Way, assign, straight_m
-from vsense.run.homing._motion import MAX_M_S, braked_m_s, carrot_m, in_frame
-from vsense.run.homing._traffic import Decision, Traffic, decide
+from vsense.run.homing._traffic import (
+    MAX_M_S,
+    Decision,
+    Traffic,
+    braked_m_s,
+    carrot_m,
+    decide,
+    in_frame,
+)
 from vsense.run.homing.floor import DrivingFloor
 from vsense.run.homing.robots import (
     EXTRA_STANDING_M,
@@ -164,9 +171,8 @@ class Homing:
 
     def _update_poses(self, state: ArenaState, now_ns: int) -> None:
         rows = state.robots[state.robots["seen"]]
-        for tag, x_m, y_m, yaw_rad in zip(
-            *(rows[name].tolist() for name in ("tag", "x_m", "y_m", "yaw_rad"))
-        ):
+        columns = (rows[name].tolist() for name in ("tag", "x_m", "y_m", "yaw_rad"))
+        for tag, x_m, y_m, yaw_rad in zip(*columns):
             pose = Pose(x_m, y_m, yaw_rad)
             robot = self.robots.get(tag) or self._bystanders.get(tag)
             if robot is None:
@@ -189,9 +195,8 @@ class Homing:
         trouble = robot.lasting(reported, now_ns)
         if trouble is Trouble.NONE and (robot.pose is None or now_ns - robot.seen_ns > LOST_NS):
             trouble = Trouble.UNSEEN
-        if trouble is Trouble.NONE and robot.trouble is Trouble.BLOCKED:
-            return
-        if trouble is robot.trouble:
+        stays_blocked = trouble is Trouble.NONE and robot.trouble is Trouble.BLOCKED
+        if stays_blocked or trouble is robot.trouble:
             return
         before, robot.trouble = robot.trouble, trouble
         robot.since = None

@@ -28,7 +28,7 @@ from vsense.monitor.recording import megabytes
 from vsense.robots.sources import HOSTED
 from vsense.run.programs import LOOP_PROGRAM
 from vsense.run.runs_csv import RunRow, versions
-from vsense.run.verdict import VoidCriteria, judge
+from vsense.run.verdict import VoidCriteria
 from vsense.studies.series._folder import CampaignTable, SeriesFolder
 from vsense.studies.series._order import CAMPAIGN, Cell, PlannedRun
 from vsense.studies.series._parts import PlannedExperiment
@@ -184,7 +184,7 @@ def outcome(task: Task, result: dict[str, Any], criteria: VoidCriteria) -> RunOu
         # As it is read again: figures are the same whether or not it was interrupted.
         measures={k: None if v is None else float(f"{v:.12g}") for k, v in measures.items()},
     )
-    verdict = judge(record_of(result), criteria)
+    verdict = record_of(result).judge(criteria)
     return RunOutcome(replace(row, why=verdict.why, note=verdict.note))
 
 

@@ -17,9 +17,9 @@ from vsense.robots.link.status import RobotStatus
 from vsense.run.control import Control, State
 from vsense.run.figures import Figures
 from vsense.run.homing.starts import Starts
-from vsense.run.robots import Readiness, battery_words, low_batteries
+from vsense.run.robots import Readiness, low_batteries
 from vsense.run.runs_csv import RunRow, row_of, utc
-from vsense.run.verdict import VOID, RunRecord, is_by_people, judge
+from vsense.run.verdict import VOID, RunRecord, is_by_people
 from vsense.studies.series._order import PlannedRun
 from vsense.studies.series._parts import PlannedExperiment, SeriesCast
 from vsense.studies.series._plan import SeriesPlan
@@ -101,8 +101,8 @@ class StagedRun:
 
     def low(self, robots: Mapping[int, RobotStatus]) -> dict[int, str]:
         """By tag, which robots have too little in their batteries for this run."""
-        batteries = low_batteries(robots, self.plan.robots.battery_v)
-        return {tag: f"{battery_words(volts)}, and drove home" for tag, volts in batteries.items()}
+        low = low_batteries(robots, self.plan.robots.battery_v)
+        return {tag: f"{words}, and drove home" for tag, words in low.items()}
 
     @property
     def starts(self) -> Starts | None:
@@ -157,7 +157,7 @@ class StagedRun:
         mode, name = self.plan.mode, self.experiment.name
         if summary is None or self.figures is None:
             row = RunRow(run="", mode=mode, experiment=name, condition="")
-            why = judge(RunRecord(ended=ended, timesteps=False), self.plan.void).why
+            why = RunRecord(ended=ended, timesteps=False).judge(self.plan.void).why
             row = replace(row, verdict=VOID, why=why)
             return RunOutcome(row, ended, halt_reason(ended, control))
         row, witness = row_of(summary, mode, self.experiment, ""), self.figures.witness

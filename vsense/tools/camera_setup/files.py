@@ -12,7 +12,7 @@ from typing import Any
 from xml.sax.saxutils import quoteattr
 
 from vsense.base.errors import UsageError, VsenseError
-from vsense.base.terminal import Console, aligned, counted, patience, print_data
+from vsense.base.terminal import Console, aligned, counted, print_data
 from vsense.config import resources as resources_file
 from vsense.config import roster
 from vsense.config.resources import (
@@ -107,7 +107,7 @@ NO_CAMERA = (
 
 def list_cameras(as_json: bool) -> int:
     """Prints the table or JSON; without cameras, what to check on standard error, and 1."""
-    with patience(Console(), "looking for cameras"):
+    with Console().patience("looking for cameras"):
         cameras, missing = find()
     if as_json:
         print_data(json.dumps([facts(camera) for camera in cameras], indent=2))

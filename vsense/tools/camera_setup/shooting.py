@@ -23,7 +23,6 @@ from vsense.config import resources as resources_file
 from vsense.tools.camera_setup.showing import save_picture
 from vsense.vision.calibration.board import Board, CornerFinder
 from vsense.vision.cameras.grabber import Grabber, Troubles
-from vsense.vision.cameras.source import GenicamSettings
 from vsense.vision.tracking.opening import live_grabber
 from vsense.vision.tracking.single_camera import Size, free, make, session_of
 from vsense.vision.tracking.specs import GrabberSpec
@@ -240,10 +239,8 @@ def _sizes(specs: list[GrabberSpec], console: Console) -> dict[str, Size]:
     """Reads the sizes of pictures where the file does not say; prints what does not open."""
     sizes_px: dict[str, Size] = {}
     for spec in specs:
-        settings = spec.settings
-        controls = settings.controls if isinstance(settings, GenicamSettings) else settings
-        if controls is not None and controls.size_px is not None:
-            sizes_px[spec.id] = controls.size_px
+        if spec.controls.size_px is not None:
+            sizes_px[spec.id] = spec.controls.size_px
             continue
         console.progress(f"opening {spec.id} ...")
         camera = make(free(spec), host_ns)

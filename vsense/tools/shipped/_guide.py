@@ -1,6 +1,6 @@
 """The README of an experiment that somebody begins with: its files, explained line by line.
 
-Of elements it says what `config/sentences.py` has, of devices else the head of the file that makes
+Of elements it says what `_sentences.py` has, of devices else the head of the file that makes
 them, of calls the comment in the controllers' header.
 """
 
@@ -16,8 +16,8 @@ from pathlib import Path
 from vsense.base.xml.element import Element
 from vsense.base.xml.parsing import parse
 from vsense.config.devices import ACTUATORS, SENSORS, factories
-from vsense.config.sentences import explanations, places
 from vsense.robots.build import source_tree
+from vsense.tools.shipped._sentences import explanations, places
 
 _PARAGRAPH = "\n\n"
 

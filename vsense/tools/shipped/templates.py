@@ -16,7 +16,8 @@ from pathlib import Path
 
 from vsense.base.errors import UsageError, failing_as, instead
 from vsense.config.experiment import ARGOS_SUFFIX, SHIPPED_FOLDER, shipped
-from vsense.robots.build import BuildError, source_tree
+from vsense.robots.build import source_tree
+from vsense.robots.compiling import BuildError
 from vsense.robots.sources import MAX_NAME_BYTES
 from vsense.tools.shipped import _guide
 

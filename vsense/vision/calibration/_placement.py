@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import fnmatch
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -77,27 +77,46 @@ class FloorReference:
 
 def read_points(path: Path) -> dict[str, Floats]:
     """Reads a file of known points, `id,x_m,y_m,z_m`; raises UsageError or ConfigError."""
-    points: dict[str, Floats] = {}
-    for line, (id, *place) in read_table(path, POINT_COLUMNS):
-        if id in points:
-            raise ConfigError(str(path), line, f"id: {id} is there twice")
-        values = [number_at(path, line, n, text) for n, text in zip(POINT_COLUMNS[1:], place)]
-        points[id] = np.array(values)
+    points = places_by_id(path, read_table(path, POINT_COLUMNS), POINT_COLUMNS[1:])
     if len(points) < 4:
         raise ConfigError(str(path), 1, f"{len(points)} points: expected 4 or more")
     return points
 
 
-def read_seen(path: Path, points: dict[str, Floats], cameras: Sequence[str]) -> list[View]:
-    """Reads where cameras see known points: `camera,id,x_px,y_px`; raises as `read_points`."""
-    seen: dict[tuple[str, str], list[tuple[float, float]]] = {}
+def places_by_id(
+    path: Path, rows: Iterable[tuple[int, list[str]]], columns: Sequence[str]
+) -> dict[str, Floats]:
+    """Places (3,) from rows of id and coordinates; raises ConfigError. Without z they lie at 0."""
+    places: dict[str, Floats] = {}
+    for line, (id, *place) in rows:
+        if id in places:
+            raise ConfigError(str(path), line, f"id: {id} is there twice")
+        values = [number_at(path, line, name, text) for name, text in zip(columns, place)]
+        places[id] = np.array([*values, 0.0][:3])
+    return places
+
+
+def read_pixels(
+    path: Path, points: Collection[str], cameras: Collection[str], known: str
+) -> Iterator[tuple[str, str, tuple[float, float]]]:
+    """Yields camera, point and pixel of a file `camera,id,x_px,y_px`; `known` names the points.
+
+    Raises UsageError or ConfigError.
+    """
     for line, (camera, id, *place) in read_table(path, SEEN_COLUMNS):
         if camera not in cameras:
             raise ConfigError(str(path), line, f"camera: '{camera}': expected {', '.join(cameras)}")
         if id not in points:
-            raise ConfigError(str(path), line, f"id: '{id}' is not among the known points")
+            raise ConfigError(str(path), line, f"id: '{id}' is not among {known}")
         x, y = (number_at(path, line, n, text) for n, text in zip(SEEN_COLUMNS[2:], place))
-        seen.setdefault((camera, id), []).append((x, y))
+        yield camera, id, (x, y)
+
+
+def read_seen(path: Path, points: dict[str, Floats], cameras: Sequence[str]) -> list[View]:
+    """Reads where cameras see known points: `camera,id,x_px,y_px`; raises as `read_points`."""
+    seen: dict[tuple[str, str], list[tuple[float, float]]] = {}
+    for camera, id, pixel in read_pixels(path, points, cameras, "the known points"):
+        seen.setdefault((camera, id), []).append(pixel)
     return [_point_view(camera, id, pixels) for (camera, id), pixels in sorted(seen.items())]
 
 

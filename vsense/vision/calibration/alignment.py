@@ -25,9 +25,9 @@ from vsense.base.arena import Floats, Image
 from vsense.base.errors import UsageError, failing_as
 from vsense.base.files import parse_json, replace_text
 from vsense.base.terminal import aligned
-from vsense.vision.calibration._check import PointSight, read_places, read_seen, rms
 from vsense.vision.calibration._pictures import gather, inspect
 from vsense.vision.calibration.checked import CAMERA_CHECK_FILE as CHECK
+from vsense.vision.calibration.checked import PointSight, read_places, read_seen, rms
 from vsense.vision.calibration.frame import FrameShift
 from vsense.vision.calibration.session import cameras_of
 from vsense.vision.cameras.camera import Camera

@@ -15,14 +15,20 @@ import numpy as np
 from vsense.base.arena import Floats, Image
 from vsense.base.errors import UsageError, VsenseError
 from vsense.base.terminal import Console, aligned, print_data
-from vsense.vision.calibration import _check, _references
-from vsense.vision.calibration._check import PointCheck, PointSight, read_seen, rms, steps_m
+from vsense.vision.calibration import _references, checked
 from vsense.vision.calibration._pictures import PictureFile, gather, inspect
 from vsense.vision.calibration._placement import FloorReference, TagFinder
 from vsense.vision.calibration._report import PANEL, draw_legibility
 from vsense.vision.calibration._views import View
 from vsense.vision.calibration.board import Board, CornerFinder
-from vsense.vision.calibration.checked import CAMERA_CHECK_FILE
+from vsense.vision.calibration.checked import (
+    CAMERA_CHECK_FILE,
+    PointCheck,
+    PointSight,
+    read_seen,
+    rms,
+    steps_m,
+)
 from vsense.vision.calibration.frame import FrameShift
 from vsense.vision.calibration.session import REPORT_FOLDER, cameras_of
 from vsense.vision.cameras.camera import Camera
@@ -91,7 +97,7 @@ def run(options: CheckOptions) -> int:
         return _with_references(options, cameras)
     result = _with_board(options, cameras) if options.board else _with_points(options, cameras)
     now = datetime.now(timezone.utc).isoformat(timespec="seconds")
-    data = _check.as_json(result, now, "board" if options.board else "points")
+    data = checked.as_json(result, now, "board" if options.board else "points")
     path = options.cameras / CAMERA_CHECK_FILE
     text = json.dumps(data, indent=2) + "\n"
     try:
@@ -195,8 +201,8 @@ def _check_options(options: CheckOptions) -> None:
 
 def _with_points(options: CheckOptions, cameras: Mapping[str, Camera]) -> PointCheck:
     assert options.points is not None
-    points = _check.read_places(options.points)
-    tapes = _check.read_distances(options.distances, points) if options.distances else []
+    points = checked.read_places(options.points)
+    tapes = checked.read_distances(options.distances, points) if options.distances else []
     if options.seen:
         sights = read_seen(options.seen, points, cameras)
     else:
@@ -208,7 +214,7 @@ def _with_points(options: CheckOptions, cameras: Mapping[str, Camera]) -> PointC
     if not sights:
         raise VsenseError(f"{options.points}: none of its points was seen")
     tapes = [tape for tape in tapes if tape.first in seen and tape.second in seen]
-    return _check.check(cameras, points, sights, tapes)
+    return checked.check(cameras, points, sights, tapes)
 
 
 def _looked(
@@ -342,7 +348,7 @@ def _with_board(options: CheckOptions, cameras: Mapping[str, Camera]) -> PointCh
         ]
     if not sights:
         raise VsenseError("the board was found in no picture; check --board")
-    return _check.check(cameras, points, sights)
+    return checked.check(cameras, points, sights)
 
 
 def as_text(result: PointCheck, data: Mapping[str, Any]) -> list[str]:

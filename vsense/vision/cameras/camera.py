@@ -2,8 +2,6 @@
 
 Pixel (0, 0) is the centre of the upper left pixel. The camera frame has z along the optical
 axis, x to the right and y down in the picture.
-
-Straight things are straight here, so they are cut here, and bent by the lens afterwards.
 """
 
 from __future__ import annotations
@@ -22,9 +20,6 @@ from vsense.base.errors import VsenseError
 from vsense.base.files import parse_json
 
 Image32 = NDArray[np.float32]
-
-NEAR_PLANE_M = 0.02
-"""What is nearer to a camera's plane than this, or behind it, is not shown."""
 
 _STEP = 4
 """Smooth functions are evaluated at every fourth pixel: of a lens a straight line between them is
@@ -58,26 +53,6 @@ def everywhere(
     return np.ascontiguousarray(fine[0]), np.ascontiguousarray(fine[1])
 
 
-def window_radius(camera: Camera) -> float:
-    """Radius of the disc of the normalised image plane in which a camera's lens model is right.
-
-    It ends a little outside of the picture, or where the model folds back: from there on its
-    polynomial shows what lies farther out nearer to the middle, which no lens does.
-    """
-    angle = np.linspace(0.0, 2.0 * np.pi, _DIRECTIONS, endpoint=False)[:, None]
-    x, y = _REACH * np.cos(angle), _REACH * np.sin(angle)
-    u, v = distort(x, y, camera.distortion)
-    across, down = camera.fx_px * u + camera.cx_px, camera.fy_px * v + camera.cy_px
-    margin_x, margin_y = _MARGIN * camera.width_px, _MARGIN * camera.height_px
-    outside = (across < -margin_x) | (across > camera.width_px + margin_x)
-    outside |= (down < -margin_y) | (down > camera.height_px + margin_y)
-    folds = _jacobian(x, y, camera.distortion) <= 0.0
-    leaves = _first(outside & ~folds)
-    folded = _first(folds)
-    # A ray that has folded back before it left the picture never leaves it.
-    return float(min(leaves.max(), folded.min()))
-
-
 def _first(where: NDArray[np.bool_]) -> Floats:
     """The reach of the first true place of each row; the last one where there is none."""
     return np.asarray(_REACH[np.where(where.any(axis=1), where.argmax(axis=1), -1)])
@@ -90,55 +65,6 @@ def _jacobian(x: Floats, y: Floats, coefficients: tuple[float, ...]) -> Floats:
     (u_up, v_up), (u_low, v_low) = (distort(x, y + d, coefficients) for d in (step, -step))
     area = (u_right - u_left) * (v_up - v_low) - (u_up - u_low) * (v_right - v_left)
     return np.asarray(area / (4.0 * step * step))
-
-
-def cut(points: Floats, distances: Floats) -> Floats:
-    """Returns the part of an area (n, k) on one side: where the corners' distances are not < 0."""
-    inside = distances >= 0.0
-    if inside.all():
-        return points
-    if not inside.any():
-        return points[:0]
-    corners = []
-    for here in range(len(points)):
-        there = (here + 1) % len(points)
-        if inside[here]:
-            corners.append(points[here])
-        if inside[here] != inside[there]:
-            share = distances[here] / (distances[here] - distances[there])
-            corners.append(points[here] + share * (points[there] - points[here]))
-    return np.array(corners)
-
-
-_SIDES = 48
-_TURNS = (np.arange(_SIDES) + 0.5) * 2.0 * np.pi / _SIDES
-_NORMALS = np.stack((np.cos(_TURNS), np.sin(_TURNS)), axis=-1)
-
-
-def cut_to_disc(points: Floats, radius: float) -> Floats:
-    """Returns the part of an area of (n, 2) corners in a polygon inside of the disc."""
-    reach = radius * float(np.cos(np.pi / _SIDES))
-    if len(points) == 0 or float(np.hypot(*points.T).max()) <= reach:
-        return points
-    for normal in _NORMALS:
-        points = cut(points, reach - points @ normal)
-        if len(points) == 0:
-            break
-    return points
-
-
-def within_disc(start: Floats, end: Floats, radius: float) -> tuple[float, float] | None:
-    """Which part of a line from (2,) to (2,) lies in the disc: two shares of it; None: nothing."""
-    way = end - start
-    square = float(way @ way)
-    if square == 0.0:
-        return (0.0, 1.0) if float(start @ start) <= radius * radius else None
-    middle = -float(start @ way) / square
-    half = middle * middle - (float(start @ start) - radius * radius) / square
-    if half <= 0.0:
-        return None
-    first, last = max(middle - half**0.5, 0.0), min(middle + half**0.5, 1.0)
-    return (first, last) if first < last else None
 
 
 _UNDISTORT_STEPS = 12
@@ -228,21 +154,24 @@ class Camera:
         """Returns the (..., 2) pixels of (..., 3) arena points in front of the camera."""
         points = np.asarray(points_m, dtype=np.float64)
         seen = (points - np.array(self.position_m)) @ np.reshape(self.rotation, (3, 3)).T
-        x, y = distort(seen[..., 0] / seen[..., 2], seen[..., 1] / seen[..., 2], self.distortion)
-        pixels = (self.fx_px * x + self.cx_px, self.fy_px * y + self.cy_px)
-        return np.stack(pixels, axis=-1)
+        return self.shown(seen[..., 0] / seen[..., 2], seen[..., 1] / seen[..., 2])
+
+    def shown(self, x: Floats, y: Floats) -> Floats:
+        """Returns the (..., 2) pixels of points of the normalised image plane."""
+        u, v = distort(x, y, self.distortion)
+        return np.stack((self.fx_px * u + self.cx_px, self.fy_px * v + self.cy_px), axis=-1)
+
+    def straightened(self, points_px: Floats) -> tuple[Floats, Floats]:
+        """Returns x and y, on the normalised image plane, of what (..., 2) pixels show."""
+        across = (points_px[..., 0] - self.cx_px) / self.fx_px
+        return undistort(across, (points_px[..., 1] - self.cy_px) / self.fy_px, self.distortion)
 
     def to_plane(self, points_px: Floats, height_m: float | Floats) -> Floats:
         """Returns arena x and y [m] of what (..., 2) pixels show of a horizontal plane.
 
         `height_m` is the plane's height above the floor, one for all pixels or one each.
         """
-        pixels = np.asarray(points_px, dtype=np.float64)
-        x, y = undistort(
-            (pixels[..., 0] - self.cx_px) / self.fx_px,
-            (pixels[..., 1] - self.cy_px) / self.fy_px,
-            self.distortion,
-        )
+        x, y = self.straightened(np.asarray(points_px, dtype=np.float64))
         rays = np.stack((x, y, np.ones_like(x)), axis=-1) @ np.reshape(self.rotation, (3, 3))
         centre = np.array(self.position_m)
         reach = (np.asarray(height_m) - centre[2]) / rays[..., 2]
@@ -260,6 +189,23 @@ class Camera:
             here, right, up = self.project(np.array(steps))
             area = abs(float(np.linalg.det(np.stack((right - here, up - here)))))
         return float(area**0.5 / _STEP_M)
+
+    def window_radius(self) -> float:
+        """Radius of the disc of the normalised image plane in which the lens model is right.
+
+        It ends a little outside of the picture, or where the model folds back: from there on its
+        polynomial shows what lies farther out nearer to the middle, which no lens does.
+        """
+        angle = np.linspace(0.0, 2.0 * np.pi, _DIRECTIONS, endpoint=False)[:, None]
+        x, y = _REACH * np.cos(angle), _REACH * np.sin(angle)
+        size_px = np.array((self.width_px, self.height_px))
+        shown = self.shown(x, y)
+        outside = (shown < -_MARGIN * size_px) | (shown > size_px + _MARGIN * size_px)
+        folds = _jacobian(x, y, self.distortion) <= 0.0
+        leaves = _first(outside.any(axis=-1) & ~folds)
+        folded = _first(folds)
+        # A ray that has folded back before it left the picture never leaves it.
+        return float(min(leaves.max(), folded.min()))
 
     def contains(self, points_px: Floats, margin_px: float = 0.0) -> NDArray[np.bool_]:
         """Whether (..., 2) pixels lie in the picture, `margin_px` inside its border."""

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.arena import Floats, Image
-from vsense.base.native import check, kernel_ffi, kernels
+from vsense.base.native import check, kernel_ffi, kernels, pointer
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import MarkerFamily, SquareFamily
 from vsense.vision.tracking._outlines import EDGE_REACH_U, Pass, make_outline, shape_of
@@ -177,7 +177,7 @@ class Kernel:
         self._outline(limits.passes, 0.0)
         self._reserve(0, 0)
         self._markers: NDArray[np.void] = np.zeros(_CAPACITY, dtype=MARKER)
-        self._buffer = kernel_ffi.cast("struct vs_marker *", self._markers.ctypes.data)
+        self._buffer = pointer("struct vs_marker", self._markers)
         self._origin = np.zeros(_CAPACITY, dtype=np.uint32)
         self._count = kernel_ffi.new("size_t *")
         self._views: dict[tuple[Camera, float], _View] = {}
@@ -240,7 +240,7 @@ class Kernel:
         start["ahead_x"], start["ahead_y"] = np.cos(poses[:count, 2]), np.sin(poses[:count, 2])
         start["scale"] = 1.0
         self._count[0] = count
-        origin = kernel_ffi.cast("uint32_t *", self._origin.ctypes.data)
+        origin = pointer("uint32_t", self._origin)
         code = kernels.vs_markers_follow(
             view.outline, view.warm, view.view, self._buffer, origin, self._count
         )
@@ -276,7 +276,7 @@ class Kernel:
             blocks = None
             if self._mask is not None:
                 blocks = blocks_of(self._mask, camera, height_m, self._disc_m)
-                search.outside = kernel_ffi.cast("uint8_t *", blocks.outside.ctypes.data)
+                search.outside = pointer("uint8_t", blocks.outside)
             quick = kernel_ffi.new("struct vs_search *", search[0])
             quick.corners = 0
             for scan in quick.again:

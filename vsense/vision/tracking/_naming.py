@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.arena import UNNAMED, Floats
-from vsense.base.native import kernel_ffi, kernels
+from vsense.base.native import kernel_ffi, kernels, pointer
 from vsense.vision.cameras._camera_array import Index
 from vsense.vision.markers.families import (
     BLURS_U,
@@ -88,10 +88,10 @@ class Decoder:
         self.struct = kernel_ffi.new("struct vs_codes *")
         self.struct.cells, self.struct.side = family.grid**2, family.grid
         self.struct.tags = len(self.tags)
-        self.struct.tag = kernel_ffi.cast("int32_t *", self.tags.ctypes.data)
-        self.struct.word = kernel_ffi.cast("float *", self._words.ctypes.data)
-        self.struct.most_error = kernel_ffi.cast("float *", self._most_error.ctypes.data)
-        self.struct.per_length = kernel_ffi.cast("float *", self._per_length.ctypes.data)
+        self.struct.tag = pointer("int32_t", self.tags)
+        self.struct.word = pointer("float", self._words)
+        self.struct.most_error = pointer("float", self._most_error)
+        self.struct.per_length = pointer("float", self._per_length)
         self.struct.lost, self.struct.sharp = self._lost.tolist(), SHARPNESS.tolist()
 
     def brightness(self, cells: Floats, ahead: NDArray[np.intp], left: NDArray[np.intp]) -> Floats:
@@ -125,7 +125,7 @@ class Decoder:
         markers = np.zeros(len(cells), dtype=MARKER)
         markers["cell"][:, : cells.shape[1]] = cells
         markers["sharp_ahead"], markers["sharp_left"] = sharp_ahead, sharp_left
-        rows = kernel_ffi.cast("struct vs_marker *", markers.ctypes.data)
+        rows = pointer("struct vs_marker", markers)
         kernels.vs_codes_name(self.struct, rows, len(markers))
         return DecodedTag(markers["tag"].astype(np.int32), markers["error"], markers["margin"])
 

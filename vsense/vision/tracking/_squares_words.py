@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.arena import Floats
-from vsense.base.native import kernel_ffi, kernels
+from vsense.base.native import kernel_ffi, kernels, pointer
 from vsense.vision.markers._dictionary import Codes, FamilyError, SquareFamily
 from vsense.vision.tracking._outlines import edge_sharpness
 from vsense.vision.tracking._squares_edges import sample_grey
@@ -70,8 +70,8 @@ def prepare_words(codes: Codes) -> Words:
     shifts = kernels.VS_WORDS_PART * np.arange(parts, dtype=np.uint64)
     mask = np.uint64((1 << kernels.VS_WORDS_PART) - 1)
     part = (word[..., np.newaxis] >> shifts & mask).astype(np.uint8)
-    struct.word = kernel_ffi.cast("uint64_t *", word.ctypes.data)
-    struct.part = kernel_ffi.cast("uint8_t *", part.ctypes.data)
+    struct.word = pointer("uint64_t", word)
+    struct.part = pointer("uint8_t", part)
     lines = [_cell_blur(cells + 4, blur)[:, _BEYOND:-_BEYOND] for blur in BLURS]
     for place, line in enumerate(lines):
         for row, shares in enumerate(line.tolist()):
@@ -80,7 +80,7 @@ def prepare_words(codes: Codes) -> Words:
     arrays: list[Any] = [word, part]
     for around in range(2):
         per_length, least = _under_blur(dark.astype(np.float32), lines, around == 1)
-        struct.per_length[around] = kernel_ffi.cast("float *", per_length.ctypes.data)
+        struct.per_length[around] = pointer("float", per_length)
         struct.least_match[around] = least
         arrays.append(per_length)
     return Words(struct, tuple(arrays))
@@ -129,10 +129,10 @@ class WordReader:
         readings = np.zeros(len(grey), dtype=READING)
         kernels.vs_words_read(
             self._words.struct,
-            kernel_ffi.cast("float *", grey.ctypes.data),
-            kernel_ffi.cast("int32_t *", level.ctypes.data),
+            pointer("float", grey),
+            pointer("int32_t", level),
             len(grey),
-            kernel_ffi.cast("struct vs_reading *", readings.ctypes.data),
+            pointer("struct vs_reading", readings),
         )
         return readings
 

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.arena import Floats, Image
+from vsense.base.arena import Floats, Image, from_sides_m
 from vsense.base.errors import VsenseError
 from vsense.base.native import kernels
 from vsense.vision.cameras.camera import Camera
@@ -63,25 +63,8 @@ class Mask:
 
     def distance_m(self, places_m: Floats) -> Floats:
         """Returns how far (n, 2) places are from the polygon: 0 inside; infinite for no place."""
-        away, inside = self.edges_m(places_m)
+        away, inside = from_sides_m(self.outline_m, places_m)
         return np.where(np.isnan(away), np.inf, np.where(inside, 0.0, away))
-
-    def edges_m(self, places_m: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-        """Returns how far (n, 2) places are from the polygon's sides, and whether they are in it.
-
-        The distance of what is no place is no number.
-        """
-        start = np.array(self.outline_m)
-        side = np.roll(start, -1, axis=0) - start
-        rest = places_m[:, np.newaxis] - start
-        length2 = np.maximum((side**2).sum(axis=1), 1e-300)
-        share = np.clip((rest * side).sum(axis=2) / length2, 0.0, 1.0)
-        away = np.linalg.norm(rest - share[..., np.newaxis] * side, axis=2).min(axis=1)
-        # Even and odd: how many sides a ray along x crosses.
-        rises = (rest[:, :, 1] >= 0.0) != (rest[:, :, 1] - side[:, 1] >= 0.0)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            crosses = rises & (rest[:, :, 0] < side[:, 0] * rest[:, :, 1] / side[:, 1])
-        return away, np.asarray(crosses.sum(axis=1) % 2 == 1)
 
 
 class Blocks(NamedTuple):
@@ -113,7 +96,7 @@ def blocks_of(mask: Mask, camera: Camera, height_m: float, reach_m: float) -> Bl
         half_m = 1.5 * np.linalg.norm(
             camera.to_plane(points + 0.5 * side, height_m) - places, axis=1
         )
-        away, inside = mask.edges_m(places)
+        away, inside = from_sides_m(mask.outline_m, places)
         beyond = np.where(inside, -away, away) - mask.margin_m
     # What the lens shows of no plane, a marker cannot be in.
     outside = ~(beyond <= reach_m + half_m)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.arena import Floats
-from vsense.base.native import kernel_ffi
+from vsense.base.native import kernel_ffi, pointer
 from vsense.world.actuators.base import ActuatorError, ApplyFunction, MountedActuator, RowNumbers
 from vsense.world.sensors.bank import TableEntry
 from vsense.world.sensors.base import NUMBERS, layout_dtype
@@ -157,11 +157,9 @@ class _Slot:
         struct.type = NUMBERS[self._dtype]
         struct.block = kernel_ffi.cast("const uint8_t *", reports.ctypes.data)
         struct.stride = reports.strides[0]
-        struct.low, struct.high = (kernel_ffi.from_buffer("double[]", b) for b in self._bounds)
+        struct.low, struct.high = (pointer("double", b) for b in self._bounds)
         arrays = (self._counts.last, self._levels, self._growth)
-        struct.last, struct.levels, struct.growth = (
-            kernel_ffi.from_buffer("double[]", array) for array in arrays
-        )
+        struct.last, struct.levels, struct.growth = (pointer("double", array) for array in arrays)
         return struct
 
     def entry(self, number: int) -> TableEntry:

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from vsense.base.arena import Floats
 from vsense.base.errors import VsenseError
-from vsense.base.native import kernel_ffi
+from vsense.base.native import kernel_ffi, pointer
 from vsense.world.sensors.quality import Quality, Scale
 from vsense.world.world import World
 
@@ -74,9 +74,14 @@ class ApplyFunction(NamedTuple):
     owner: object = None
 
 
+def rows_in_c(rows: RowNumbers) -> Any:
+    """Robots' rows (n,) in the world as `int32_t[]`, which hold until an entity changes."""
+    return pointer("int32_t", np.ascontiguousarray(rows, dtype=np.int32))
+
+
 def apply_in_c(kernel: ApplyFunction, levels: Floats) -> None:
     """Sets levels (n, k) by a function that asks for nothing else and cannot fail."""
-    given = kernel_ffi.from_buffer("double[]", np.ascontiguousarray(levels))
+    given = pointer("double", np.ascontiguousarray(levels))
     function = getattr(kernel.library, kernel.name)
     function(kernel.cdata, kernel_ffi.NULL, given, kernel_ffi.NULL)
 

@@ -26,9 +26,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from vsense.base.arena import Floats
-from vsense.base.native import kernel_ffi, kernels
+from vsense.base.native import kernel_ffi, kernels, pointer
 from vsense.base.xml.element import Element
-from vsense.world.actuators.base import ApplyFunction, RowNumbers, VirtualActuator, apply_in_c
+from vsense.world.actuators.base import (
+    ApplyFunction,
+    RowNumbers,
+    VirtualActuator,
+    apply_in_c,
+    rows_in_c,
+)
 from vsense.world.robot_models import RobotModel
 from vsense.world.sensors.base import Robots, Scope
 from vsense.world.sensors.geometry import rows_of
@@ -60,18 +66,9 @@ class LedsActuator:
         return self._function(world, rows_of(world, robots))
 
     def _function(self, world: World, rows: RowNumbers) -> ApplyFunction:
-        shine = _Shine(world, rows)
-        return ApplyFunction(kernels, "vs_shine_show", shine.cdata, owner=shine)
-
-
-class _Shine:
-    """Where robots' colours go: `cdata` is a `struct vs_shine *`."""
-
-    def __init__(self, world: World, rows: RowNumbers) -> None:
-        """`rows` (n,) are the robots' in the world; it holds until an entity changes."""
-        own = kernel_ffi.from_buffer("int32_t[]", np.ascontiguousarray(rows, dtype=np.int32))
-        self._arrays = own, kernel_ffi.from_buffer("uint8_t[]", world.leds)
-        self.cdata = kernel_ffi.new("struct vs_shine *", (len(rows), *self._arrays))
+        arrays = rows_in_c(rows), pointer("uint8_t", world.leds)
+        shine = kernel_ffi.new("struct vs_shine *", (len(rows), *arrays))
+        return ApplyFunction(kernels, "vs_shine_show", shine, owner=arrays)
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,21 +102,11 @@ class SingleLedsActuator:
         return self._function(world, rows_of(world, robots))
 
     def _function(self, world: World, rows: RowNumbers) -> ApplyFunction:
-        lamps = _Lamps(self, world, rows)
-        return ApplyFunction(kernels, "vs_lamps_light", lamps.cdata, owner=lamps)
-
-
-class _Lamps:
-    """LEDs of robots as C takes them: `cdata` is a `struct vs_lamps *`."""
-
-    def __init__(self, actuator: SingleLedsActuator, world: World, rows: RowNumbers) -> None:
-        """`rows` (n,) are the robots' in the world; it holds until an entity changes."""
-        own = kernel_ffi.from_buffer("int32_t[]", np.ascontiguousarray(rows, dtype=np.int32))
-        shown = (world.led_colors, world.leds)
-        self._arrays = own, *(kernel_ffi.from_buffer("uint8_t[]", array) for array in shown)
-        parts = actuator.first, actuator.count, actuator.switches
-        members = len(rows), *self._arrays, world.led_colors.shape[1], *parts
-        self.cdata = kernel_ffi.new("struct vs_lamps *", members)
+        shown = (pointer("uint8_t", a) for a in (world.led_colors, world.leds))
+        arrays = rows_in_c(rows), *shown
+        parts = world.led_colors.shape[1], self.first, self.count, self.switches
+        lamps = kernel_ffi.new("struct vs_lamps *", (len(rows), *arrays, *parts))
+        return ApplyFunction(kernels, "vs_lamps_light", lamps, owner=arrays)
 
 
 def from_xml(element: Element, scope: Scope) -> LedsActuator:

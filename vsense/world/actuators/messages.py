@@ -16,12 +16,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from vsense.base.arena import Floats
-from vsense.base.native import kernel_ffi, kernels
+from vsense.base.native import kernel_ffi, kernels, pointer
 from vsense.base.xml.element import Element
-from vsense.world.actuators.base import ApplyFunction, RowNumbers, apply_in_c
+from vsense.world.actuators.base import ApplyFunction, RowNumbers, apply_in_c, rows_in_c
 from vsense.world.sensors.base import Robots, Scope
 from vsense.world.sensors.geometry import rows_of
 from vsense.world.sensors.quality import Scale
@@ -63,20 +61,11 @@ class MessagesActuator:
         return self._function(world, rows_of(world, robots))
 
     def _function(self, world: World, rows: RowNumbers) -> ApplyFunction:
-        speech = _Speech(self, world, rows)
-        return ApplyFunction(kernels, "vs_speech_set", speech.cdata, owner=speech)
-
-
-class _Speech:
-    """Where robots' messages go: `cdata` is a `struct vs_speech *`."""
-
-    def __init__(self, actuator: MessagesActuator, world: World, rows: RowNumbers) -> None:
-        """`rows` (n,) are the robots' in the world; it holds until an entity changes."""
-        self._arrays = np.ascontiguousarray(rows, dtype=np.int32), world.messages
-        given = kernel_ffi.from_buffer("int32_t[]", self._arrays[0])
-        messages = kernel_ffi.cast("struct vs_message *", self._arrays[1].ctypes.data)
-        members = len(rows), given, messages, actuator.size, actuator.range_m
-        self.cdata = kernel_ffi.new("struct vs_speech *", members)
+        own = rows_in_c(rows)
+        messages = pointer("struct vs_message", world.messages)
+        members = len(rows), own, messages, self.size, self.range_m
+        speech = kernel_ffi.new("struct vs_speech *", members)
+        return ApplyFunction(kernels, "vs_speech_set", speech, owner=(own, world.messages))
 
 
 def from_xml(element: Element, scope: Scope) -> MessagesActuator:

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from vsense.base.arena import Floats
-from vsense.base.native import check, kernel_ffi, kernels
+from vsense.base.native import check, kernel_ffi, kernels, pointer
 from vsense.base.xml.element import Element
 from vsense.world.actuators.base import ApplyFunction, RowNumbers
 from vsense.world.fields import MAX_CONCENTRATION
@@ -54,10 +54,7 @@ class PheromoneActuator:
     def apply(self, world: World, rows: RowNumbers, values: Floats, increments: Floats) -> None:
         """Releases where the robots stand; see `VirtualActuator.apply`."""
         scene = SensedScene(world, world.robots[rows])
-        given = (
-            kernel_ffi.from_buffer("double[]", np.ascontiguousarray(array))
-            for array in (values, increments)
-        )
+        given = (pointer("double", np.ascontiguousarray(array)) for array in (values, increments))
         code = kernels.vs_field_release(self._release(world), scene.cdata, *given)
         check(code, f"what is left in field {self.field!r}")
 

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vsense.base.arena import Floats
-from vsense.base.native import kernel_ffi, kernels, random_in_c
+from vsense.base.native import kernel_ffi, kernels, pointer, random_in_c
 from vsense.world.entities import Box, Cylinder
 from vsense.world.robot_models import EPUCK, RobotModel
 from vsense.world.sensors.quality import generator
@@ -94,11 +94,6 @@ class Contacts:
         self.cdata.before = pointer("struct vs_contact", before)
         self.cdata.moved_m = pointer("double", moved_m)
         self.cdata.newest = pointer("uint32_t", newest)
-
-
-def pointer(kind: str, array: NDArray[Any]) -> Any:
-    """The items of a contiguous array as a C array, which is valid as long as the array lives."""
-    return kernel_ffi.from_buffer(f"{kind}[]", array)
 
 
 TICK_NS: int = kernels.VS_TICK_NS
@@ -299,7 +294,7 @@ class NoisyWheels:
         bias = (bias_m_s + deviation_m_s * random.normal(size=shape)) / steps_m
         most = max((kind.max_steps_s for kind in kinds), default=EPUCK.max_steps_s)
         arrays = relative, factor, factor_dev, bias, np.empty(shape)
-        given = [kernel_ffi.from_buffer("double[]", array) for array in arrays]
+        given = [pointer("double", array) for array in arrays]
         given.insert(-1, random_in_c(random, normal=True))
         self._owners = random, given
         self.cdata = kernel_ffi.new("struct vs_slip *", (len(models), most, *given))

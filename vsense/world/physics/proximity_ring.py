@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.arena import Floats
-from vsense.base.native import kernel_ffi, kernels
-from vsense.world.physics.motion import Neighbourhood, pointer
+from vsense.base.native import kernel_ffi, kernels, pointer
+from vsense.world.physics.motion import Neighbourhood
 from vsense.world.robot_models import EPUCK, RING_SENSORS, RingModel, RobotModel
 
 RING_RAW_MAX: int = kernels.VS_RING_RAW_MAX

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.errors import instead
-from vsense.base.native import check, kernel_ffi, kernels
+from vsense.base.native import check, kernel_ffi, kernels, pointer
 from vsense.base.readings import SensorReadings
 from vsense.world.sensors.base import (
     NUMBERS,
@@ -244,7 +244,7 @@ class _Slot:
         self._fresh[:] = self._read(world, robots)
         if self.quality.distorts:
             noise = self._distortion.noise(self._random)[0]
-            self._plain.offsets = kernel_ffi.from_buffer("double[]", noise)
+            self._plain.offsets = pointer("double", noise)
             self._distortion.use(1)
         check(kernels.vs_sent_renew(self._plain, 0), self._sensor.name)
         self._captures_ns[:] = robots["capture_ns"]
@@ -261,10 +261,8 @@ class _Slot:
         sent.block = kernel_ffi.cast("uint8_t *", values.ctypes.data)
         sent.stride, sent.step = values.strides[0], captures_ns.strides[0] // captures_ns.itemsize
         sent.captures_ns = kernel_ffi.cast("int64_t *", captures_ns.ctypes.data)
-        sent.fresh = kernel_ffi.from_buffer("double[]", self._fresh)
-        sent.unit, sent.low, sent.high = (
-            kernel_ffi.from_buffer("double[]", array) for array in self._bounds
-        )
+        sent.fresh = pointer("double", self._fresh)
+        sent.unit, sent.low, sent.high = (pointer("double", array) for array in self._bounds)
         return sent
 
     def _renew(self, world: World, robots: NDArray[np.void], due: NDArray[np.bool_]) -> None:

@@ -24,7 +24,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from vsense.base.native import kernel_ffi, kernels
+from vsense.base.native import kernel_ffi, kernels, pointer
 from vsense.base.xml.element import Element
 from vsense.world.sensors import _places
 from vsense.world.sensors.base import ReadFunction, Readings, Robots, Scope
@@ -58,26 +58,18 @@ class DestinationSensor:
         return None if moves else self._kernel(world, robots)
 
     def _kernel(self, world: World, robots: Robots) -> ReadFunction:
-        destinations = self._destinations(world, robots)
-        return ReadFunction(kernels, "vs_destinations_read", destinations.cdata, owner=destinations)
+        nowhere = math.nan, math.nan, math.nan  # the robot is there
+        poses = [pose or nowhere for pose in self._poses(world, robots)]
+        rows = pointer("double", np.array(poses, dtype=np.float64).reshape(-1, 3))
+        destinations = kernel_ffi.new("struct vs_destinations *", (rows,))
+        return ReadFunction(kernels, "vs_destinations_read", destinations, owner=rows)
 
-    def _destinations(self, world: World, robots: Robots) -> _Destinations:
+    def _poses(self, world: World, robots: Robots) -> Sequence[_places.PlacePose | None]:
         """Where robots (n,) are to go now."""
         if isinstance(self.target, str):
             names = [self.target.replace(_OWN_TAG, str(tag)) for tag in robots["tag"].tolist()]
-            return _Destinations([_places.EntityPlace(name).pose(world) for name in names])
-        return _Destinations([self.target.pose(world)] * len(robots))
-
-
-class _Destinations:
-    """Destinations as C takes them: `cdata` is a `struct vs_destinations *`."""
-
-    def __init__(self, poses: Sequence[_places.PlacePose | None]) -> None:
-        """None: the robot is there."""
-        nowhere = math.nan, math.nan, math.nan
-        rows = np.array([pose or nowhere for pose in poses], dtype=np.float64).reshape(-1, 3)
-        self._rows = kernel_ffi.from_buffer("double[]", rows)
-        self.cdata = kernel_ffi.new("struct vs_destinations *", (self._rows,))
+            return [_places.EntityPlace(name).pose(world) for name in names]
+        return [self.target.pose(world)] * len(robots)
 
 
 def from_xml(element: Element, scope: Scope) -> DestinationSensor:

@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vsense.base.arena import POSE, Floats, wrap_angle
-from vsense.base.native import check, kernel_ffi, kernels
+from vsense.base.arena import POSE, Floats, Point, wrap_angle
+from vsense.base.native import check, kernel_ffi, kernels, pointer
 from vsense.base.xml.element import Element
 from vsense.world.fields import Floor
 from vsense.world.rays import MovingBodies
 from vsense.world.robot_models import EPUCK, InfraredModel, RobotModel
 from vsense.world.sensors.base import ReadFunction, Readings, Robots
+from vsense.world.sensors.quality import Scale
 from vsense.world.world import World
 
 NEAREST_M = 0.01
@@ -111,7 +112,7 @@ class SensedScene:
         self.cdata.lights, self.cdata.lights_count = lights.cdata, len(lights)
         if rows is not None:
             self._own = np.ascontiguousarray(rows, dtype=np.int32)
-            self.cdata.own = kernel_ffi.from_buffer("int32_t[]", self._own)
+            self.cdata.own = pointer("int32_t", self._own)
         if bodies is not None:
             self.cdata.obstacles = bodies.cdata
 
@@ -140,6 +141,19 @@ class Reach:
         )
 
 
+def blob_scale(blobs: int) -> Scale:
+    """Of a count and of each blob's distance [cm], bearing [rad] and colour.
+
+    A unit is 1 m, 1 rad, and the whole range of a colour.
+    """
+    return Scale(
+        unit=(0.0, *(100.0, 1.0, 255.0, 255.0, 255.0) * blobs),
+        low=(0.0, *(0.0, -np.pi, 0.0, 0.0, 0.0) * blobs),
+        high=(np.inf, *(np.inf, np.pi, 255.0, 255.0, 255.0) * blobs),
+        wraps=(False, *(False, True, False, False, False) * blobs),
+    )
+
+
 def without_empty(readings: Floats, places: int) -> Floats:
     """Sets what lies beyond each reading's count to 0."""
     width = (readings.shape[1] - 1) // places
@@ -158,36 +172,27 @@ def read_in_c(kernel: ReadFunction, world: World, robots: Robots, count: int) ->
     readings = np.empty((len(robots), count))
     bodies = world.bodies() if kernel.bodies else None
     scene = SensedScene(world, robots, rows_of(world, robots), bodies)
-    given = kernel_ffi.from_buffer("double[]", readings)
+    given = pointer("double", readings)
     code = getattr(kernel.library, kernel.name)(kernel.cdata, scene.cdata, given)
     world.floor.check()
     check(code, "lines of sight")
     return readings
 
 
-class GroundPoints:
-    """Where robots look at the floor: `cdata` is a `struct vs_ground *`."""
+def ground_reader(
+    floor: Floor, robots: int, points_m: Sequence[Point], grey: Sequence[float] = ()
+) -> ReadFunction:
+    """What looks at the floor at points ahead of each robot and to its left.
 
-    def __init__(
-        self,
-        floor: Floor,
-        robots: int,
-        points_m: Sequence[tuple[float, float]],
-        grey: Sequence[float] = (),
-    ) -> None:
-        """Points ahead and to the left; `grey` is the brightness of a unit of each colour, if
-        brightness is read."""
-        count = robots * len(points_m)
-        ahead_m, left_m = (kernel_ffi.new("double[]", axis) for axis in zip(*points_m))
-        rooms = (kernel_ffi.new("double[]", size * count) for size in (2, 4))
-        weights = kernel_ffi.new("double[]", grey) if grey else kernel_ffi.NULL
-        self._arrays = floor, ahead_m, left_m, weights, *rooms
-        members = floor.cdata, len(points_m), *self._arrays[1:]
-        self.cdata = kernel_ffi.new("struct vs_ground *", members)
-
-    def kernel(self) -> ReadFunction:
-        """What reads it."""
-        return ReadFunction(kernels, "vs_ground_read", self.cdata, owner=self)
+    `grey` is the brightness of a unit of each colour, if brightness is read.
+    """
+    count = robots * len(points_m)
+    ahead_m, left_m = (kernel_ffi.new("double[]", axis) for axis in zip(*points_m))
+    rooms = (kernel_ffi.new("double[]", size * count) for size in (2, 4))
+    weights = kernel_ffi.new("double[]", grey) if grey else kernel_ffi.NULL
+    arrays = ahead_m, left_m, weights, *rooms
+    ground = kernel_ffi.new("struct vs_ground *", (floor.cdata, len(points_m), *arrays))
+    return ReadFunction(kernels, "vs_ground_read", ground, owner=(floor, arrays))
 
 
 def seen_from(robots: Robots, x_m: ArrayLike, y_m: ArrayLike) -> tuple[Floats, Floats]:

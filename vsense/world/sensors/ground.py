@@ -21,7 +21,7 @@ from typing import ClassVar
 from vsense.base.arena import Point
 from vsense.base.xml.element import Element
 from vsense.world.sensors.base import ReadFunction, Readings, Robots, Scope
-from vsense.world.sensors.geometry import GroundPoints, read_in_c
+from vsense.world.sensors.geometry import ground_reader, read_in_c
 from vsense.world.sensors.quality import Scale
 from vsense.world.world import World
 
@@ -54,7 +54,7 @@ class GroundSensor:
 
     def kernel(self, world: World, robots: Robots) -> ReadFunction:
         """See `vsense/world/sensors/base.py`."""
-        return GroundPoints(world.floor, len(robots), self.points_m, GREY).kernel()
+        return ground_reader(world.floor, len(robots), self.points_m, GREY)
 
 
 def from_xml(element: Element, scope: Scope) -> GroundSensor:

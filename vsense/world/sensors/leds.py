@@ -19,13 +19,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from vsense.base.arena import Floats
-from vsense.base.native import kernel_ffi, kernels
+from vsense.base.native import kernel_ffi, kernels, pointer
 from vsense.base.xml.element import Element
 from vsense.world.sensors.base import ReadFunction, Readings, Robots, Scope
-from vsense.world.sensors.geometry import Reach, read_in_c, without_empty
+from vsense.world.sensors.geometry import Reach, blob_scale, read_in_c, without_empty
 from vsense.world.sensors.quality import Scale
 from vsense.world.world import World
 
@@ -59,7 +57,7 @@ class LedSensor:
     def _as_c(self, world: World) -> Any:
         """Makes the `struct vs_leds *`; it holds until an entity changes."""
         struct: Any = kernel_ffi.new("struct vs_leds *")
-        struct.colors = kernel_ffi.cast("const uint8_t *", world.leds.ctypes.data)
+        struct.colors = pointer("uint8_t", world.leds)
         struct.world = world.sightings.cdata
         struct.range_m, struct.view_rad = self.reach.range_m, self.reach.field_of_view_rad
         struct.occlusions = self.reach.height_m is not None
@@ -77,11 +75,6 @@ def from_xml(element: Element, scope: Scope) -> LedSensor:
     return LedSensor(
         reach=Reach.from_xml(element, "vs:range", _RANGE_M, _HEIGHT_M),
         layout=f"{1 + 5 * blobs}*f4",
-        scale=Scale(
-            unit=(0.0, *(100.0, 1.0, 255.0, 255.0, 255.0) * blobs),
-            low=(0.0, *(0.0, -np.pi, 0.0, 0.0, 0.0) * blobs),
-            high=(np.inf, *(np.inf, np.pi, 255.0, 255.0, 255.0) * blobs),
-            wraps=(False, *(False, True, False, False, False) * blobs),
-        ),
+        scale=blob_scale(blobs),
         max_blobs=blobs,
     )

@@ -35,7 +35,7 @@ from typing import Any
 import numpy as np
 
 from vsense.base.arena import Floats
-from vsense.base.native import kernel_ffi, kernels
+from vsense.base.native import kernel_ffi, kernels, pointer
 from vsense.base.xml.element import Element
 from vsense.world.robot_models import EPUCK, InfraredModel
 from vsense.world.sensors.base import ReadFunction, Readings, Robots, Scope
@@ -112,7 +112,7 @@ class LightSensor:
         members = {
             "formula": _KERNELS[self.formula],
             "sensors": len(self.ring),
-            "angles_rad": kernel_ffi.from_buffer("double[]", self._looking_rad),
+            "angles_rad": pointer("double", self._looking_rad),
             "radius_m": self.seat.radius_m,
             "height_m": self.seat.height_m,
             "nearest_m": NEAREST_M,

@@ -28,12 +28,12 @@ from typing import Any
 import numpy as np
 
 from vsense.base.arena import Floats
-from vsense.base.native import kernel_ffi, kernels, random_in_c
+from vsense.base.native import kernel_ffi, kernels, pointer, random_in_c
 from vsense.base.xml.element import Element
 from vsense.world.entities import Box, Cylinder
 from vsense.world.robot_models import EPUCK
 from vsense.world.sensors.base import ReadFunction, Readings, Robots, Scope
-from vsense.world.sensors.geometry import read_in_c, without_empty
+from vsense.world.sensors.geometry import blob_scale, read_in_c, without_empty
 from vsense.world.sensors.quality import Scale
 from vsense.world.world import World
 
@@ -77,13 +77,7 @@ class OmnidirectionalCamera:
     @property
     def scale(self) -> Scale:
         """A unit is 1 m, 1 rad, and the whole range of a colour."""
-        blobs = self.max_blobs
-        return Scale(
-            unit=(0.0, *(100.0, 1.0, 255.0, 255.0, 255.0) * blobs),
-            low=(0.0, *(0.0, -np.pi, 0.0, 0.0, 0.0) * blobs),
-            high=(np.inf, *(np.inf, np.pi, 255.0, 255.0, 255.0) * blobs),
-            wraps=(False, *(False, True, False, False, False) * blobs),
-        )
+        return blob_scale(self.max_blobs)
 
     def read(self, world: World, robots: Robots) -> Readings:
         """Reads the blobs; see `VirtualSensor.read`."""
@@ -92,50 +86,42 @@ class OmnidirectionalCamera:
 
     def kernel(self, world: World, robots: Robots) -> ReadFunction:
         """See `vsense/world/sensors/base.py`."""
-        camera = _Camera(self, world, len(robots))
-        return ReadFunction(kernels, "vs_camera_read", camera.cdata, True, camera)
-
-    def tidy(self, values: Floats) -> Floats:
-        """Leaves no noise in the places without a blob."""
-        return without_empty(values, self.max_blobs)
-
-
-class _Camera:
-    """What cameras see as C takes it: `cdata` is a `struct vs_camera *`."""
-
-    def __init__(self, sensor: OmnidirectionalCamera, world: World, robots: int) -> None:
-        """For so many robots; it holds until an entity changes."""
-        is_noisy = sensor.noise_std_dev > 0.0
+        is_noisy = self.noise_std_dev > 0.0
         still = _still_leds(world)
         leds_m = _lamps(world)
         leds = len(still) + leds_m[..., 0].size
         # Noise is drawn when all robots have looked. Of the room only what is used is memory.
-        room = min(leds * (robots if is_noisy else 1), _MOST_NOTICED)
+        room = min(leds * (len(robots) if is_noisy else 1), _MOST_NOTICED)
         seen = np.empty((room, _NOTICED_BYTES), dtype=np.uint8)
-        self._arrays: dict[str, Any] = {
-            "colors": kernel_ffi.from_buffer("uint8_t[]", world.led_colors),
-            "leds_m": kernel_ffi.from_buffer("double[]", leds_m),
+        arrays: dict[str, Any] = {
+            "colors": pointer("uint8_t", world.led_colors),
+            "leds_m": pointer("double", leds_m),
             "random": random_in_c(world.random, is_noisy),
             "lit": kernel_ffi.new(f"struct vs_lit[{leds + 1}]", still),
-            "seen": kernel_ffi.from_buffer("struct vs_noticed[]", seen),
-            "nearest": kernel_ffi.new("struct vs_noticed[]", sensor.max_blobs),
-            "counts": kernel_ffi.new("uint32_t[]", robots + 1),
+            "seen": pointer("struct vs_noticed", seen),
+            "nearest": kernel_ffi.new("struct vs_noticed[]", self.max_blobs),
+            "counts": kernel_ffi.new("uint32_t[]", len(robots) + 1),
         }
-        self._owners = world.random, still, leds_m
         members = {
             "world": world.sightings.cdata,
             "leds": leds_m.shape[1],
             "apart_m": 2.0 * float(np.hypot(leds_m[..., 0], leds_m[..., 1]).max(initial=0.0)),
             "still": len(still),
-            "height_m": sensor.height_m,
-            "reach_m": sensor.reach_m,
-            "reach2_m2": sensor.reach_m**2,
-            "square": sensor.square,
-            "noise": sensor.noise_std_dev,
-            "most": sensor.max_blobs,
+            "height_m": self.height_m,
+            "reach_m": self.reach_m,
+            "reach2_m2": self.reach_m**2,
+            "square": self.square,
+            "noise": self.noise_std_dev,
+            "most": self.max_blobs,
             "room": len(seen),
         }
-        self.cdata = kernel_ffi.new("struct vs_camera *", {**members, **self._arrays})
+        camera = kernel_ffi.new("struct vs_camera *", {**members, **arrays})
+        owner = arrays, world.random, still
+        return ReadFunction(kernels, "vs_camera_read", camera, True, owner)
+
+    def tidy(self, values: Floats) -> Floats:
+        """Leaves no noise in the places without a blob."""
+        return without_empty(values, self.max_blobs)
 
 
 def _lamps(world: World) -> Floats:

@@ -42,7 +42,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.native import kernel_ffi, kernels
+from vsense.base.native import kernel_ffi, kernels, pointer
 from vsense.base.xml.element import Element
 from vsense.world._model_file import CURVES
 from vsense.world.entities import Box, Cylinder
@@ -113,40 +113,31 @@ class ProximitySensor:
 
     def kernel(self, world: World, robots: Robots) -> ReadFunction:
         """See `vsense/world/sensors/base.py`."""
-        ring = _ProximityRing(self, _virtual_bodies(world) if self.virtual_only else None)
-        return ReadFunction(kernels, "vs_proximity_read", ring.cdata, not self.virtual_only, ring)
-
-
-class _ProximityRing:
-    """A ring as C takes it: `cdata` is a `struct vs_proximity_ring *`."""
-
-    def __init__(self, sensor: ProximitySensor, bodies: Bodies | None) -> None:
-        """`bodies` are what it senses; None: all of the scene."""
+        bodies = _virtual_bodies(world) if self.virtual_only else None
         fan = np.zeros(1)
-        if sensor.field_of_view_rad > 0.0:
-            fan = sensor.field_of_view_rad / 2.0 * np.linspace(-1.0, 1.0, _RAYS)
-        self._arrays = bodies, np.ascontiguousarray(sensor.ring.places_rad), fan
-        places_rad, fan_rad = (
-            kernel_ffi.from_buffer("double[]", array) for array in self._arrays[1:]
-        )
-        lines = np.array(sensor.seat.lines_m).ravel()
-        self._lines = kernel_ffi.from_buffer("double[]", lines) if len(lines) else kernel_ffi.NULL
+        if self.field_of_view_rad > 0.0:
+            fan = self.field_of_view_rad / 2.0 * np.linspace(-1.0, 1.0, _RAYS)
+        lines = np.array(self.seat.lines_m).ravel()
+        arrays = np.ascontiguousarray(self.ring.places_rad), fan, lines
+        places_rad, fan_rad, lines_m = (pointer("double", a) for a in arrays)
         members = {
-            "sensors": sensor.count,
+            "sensors": self.count,
             "rays": len(fan),
             "places_rad": places_rad,
             "fan_rad": fan_rad,
-            "lines_m": self._lines,
-            "radius_m": sensor.seat.radius_m,
-            "height_m": sensor.seat.height_m,
-            "range_m": sensor.range_m,
-            "share": RANGE_M / sensor.range_m,
-            "full": sensor.full,
-            "curve": CURVES.index(sensor.curve),
-            "blind_within": sensor.blind_within,
+            "lines_m": lines_m if len(lines) else kernel_ffi.NULL,
+            "radius_m": self.seat.radius_m,
+            "height_m": self.seat.height_m,
+            "range_m": self.range_m,
+            "share": RANGE_M / self.range_m,
+            "full": self.full,
+            "curve": CURVES.index(self.curve),
+            "blind_within": self.blind_within,
             "bodies": kernel_ffi.NULL if bodies is None else bodies.cdata,
         }
-        self.cdata = kernel_ffi.new("struct vs_proximity_ring *", members)
+        ring = kernel_ffi.new("struct vs_proximity_ring *", members)
+        owner = bodies, places_rad, fan_rad, lines_m
+        return ReadFunction(kernels, "vs_proximity_read", ring, not self.virtual_only, owner)
 
 
 def _virtual_bodies(world: World) -> Bodies:

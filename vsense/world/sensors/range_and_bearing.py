@@ -33,7 +33,7 @@ from typing import Any
 import numpy as np
 
 from vsense.base.arena import Floats
-from vsense.base.native import kernel_ffi, kernels, random_in_c
+from vsense.base.native import kernel_ffi, kernels, pointer, random_in_c
 from vsense.base.xml.element import Element
 from vsense.world.robot_models import EPUCK
 from vsense.world.sensors.base import ReadFunction, Readings, Robots, Scope
@@ -91,50 +91,42 @@ class RangeAndBearingSensor:
 
     def kernel(self, world: World, robots: Robots) -> ReadFunction:
         """See `vsense/world/sensors/base.py`."""
-        hearing = _Hearing(self, world, len(robots))
+        noise = self.noise or ArgosNoise(0.0, False)
+        normal = noise.std_dev_m > 0.0 or noise.real_range
         occlusions = self.reach.height_m is not None
-        return ReadFunction(kernels, "vs_hearing_read", hearing.cdata, occlusions, hearing)
+        room = len(robots) * self.max_messages + 1
+        arrays: dict[str, Any] = {
+            "messages": pointer("struct vs_message", world.messages),
+            "random": random_in_c(world.random, normal),
+            "places_m": kernel_ffi.new("double[]", 3 * len(world.robots)),
+            "heard": kernel_ffi.new("struct vs_noticed[]", room),
+            "counts": kernel_ffi.new("uint32_t[]", len(robots) + 1),
+            "lines": kernel_ffi.NULL,
+        }
+        if occlusions and len(world.robots) <= _MOST_NOTED:
+            arrays["lines"] = kernel_ffi.new("uint8_t[]", len(world.robots) ** 2 + 1)
+        members = {
+            "world": world.sightings.cdata,
+            "range_m": self.reach.range_m,
+            "view_rad": self.reach.field_of_view_rad,
+            "height_m": self.reach.height_m or 0.0,
+            "occlusions": occlusions,
+            "speaking": self.speaking_only,
+            "most": self.max_messages,
+            "size": self.data_size,
+            "loss": self.loss_probability,
+            "body_m": self.body_m,
+            "shuffled": self.noise is not None,
+            "noise_m": noise.std_dev_m,
+            "real_range": noise.real_range,
+        }
+        hearing = kernel_ffi.new("struct vs_hearing *", {**members, **arrays})
+        owner = arrays, world.random, world.messages
+        return ReadFunction(kernels, "vs_hearing_read", hearing, occlusions, owner)
 
     def tidy(self, values: Floats) -> Floats:
         """Leaves no noise in the places without a message."""
         return without_empty(values, self.max_messages)
-
-
-class _Hearing:
-    """How robots hear each other as C takes it: `cdata` is a `struct vs_hearing *`."""
-
-    def __init__(self, sensor: RangeAndBearingSensor, world: World, robots: int) -> None:
-        """For so many robots, until one comes or goes."""
-        noise = sensor.noise or ArgosNoise(0.0, False)
-        normal = noise.std_dev_m > 0.0 or noise.real_range
-        room = robots * sensor.max_messages + 1
-        self._owners = world.random, world.messages
-        self._arrays: dict[str, Any] = {
-            "messages": kernel_ffi.cast("struct vs_message *", world.messages.ctypes.data),
-            "random": random_in_c(world.random, normal),
-            "places_m": kernel_ffi.new("double[]", 3 * len(world.robots)),
-            "heard": kernel_ffi.new("struct vs_noticed[]", room),
-            "counts": kernel_ffi.new("uint32_t[]", robots + 1),
-            "lines": kernel_ffi.NULL,
-        }
-        if sensor.reach.height_m is not None and len(world.robots) <= _MOST_NOTED:
-            self._arrays["lines"] = kernel_ffi.new("uint8_t[]", len(world.robots) ** 2 + 1)
-        members = {
-            "world": world.sightings.cdata,
-            "range_m": sensor.reach.range_m,
-            "view_rad": sensor.reach.field_of_view_rad,
-            "height_m": sensor.reach.height_m or 0.0,
-            "occlusions": sensor.reach.height_m is not None,
-            "speaking": sensor.speaking_only,
-            "most": sensor.max_messages,
-            "size": sensor.data_size,
-            "loss": sensor.loss_probability,
-            "body_m": sensor.body_m,
-            "shuffled": sensor.noise is not None,
-            "noise_m": noise.std_dev_m,
-            "real_range": noise.real_range,
-        }
-        self.cdata = kernel_ffi.new("struct vs_hearing *", {**members, **self._arrays})
 
 
 def from_xml(element: Element, scope: Scope) -> RangeAndBearingSensor:

@@ -16,7 +16,7 @@ from typing import ClassVar
 
 from vsense.base.xml.element import Element
 from vsense.world.sensors.base import ReadFunction, Readings, Robots, Scope
-from vsense.world.sensors.geometry import GroundPoints, read_in_c
+from vsense.world.sensors.geometry import ground_reader, read_in_c
 from vsense.world.sensors.quality import Scale
 from vsense.world.world import World
 
@@ -37,7 +37,7 @@ class RgbGroundSensor:
 
     def kernel(self, world: World, robots: Robots) -> ReadFunction:
         """See `vsense/world/sensors/base.py`."""
-        return GroundPoints(world.floor, len(robots), [(0.0, 0.0)]).kernel()
+        return ground_reader(world.floor, len(robots), [(0.0, 0.0)])
 
 
 def from_xml(element: Element, scope: Scope) -> RgbGroundSensor:

@@ -1,4 +1,8 @@
-"""A camera's picture with the virtual world drawn in, through the camera's own lens."""
+"""The virtual world and the robots, drawn into the arena from above or into cameras' pictures.
+
+From above the cameras' view lies beneath; without cameras it is plain paper with the real walls.
+Into a camera's picture the world is drawn through the camera's own lens.
+"""
 
 from __future__ import annotations
 
@@ -10,10 +14,19 @@ import cv2
 import numpy as np
 
 from vsense.base.arena import Floats, Image
-from vsense.base.canvas import Canvas, Colour
-from vsense.monitor.pictures._projections import ThroughLens
+from vsense.base.canvas import INK, MUTED, SCALE, Canvas, Colour
+from vsense.monitor.pictures._projections import FromAbove, ThroughLens, upright
 from vsense.monitor.pictures._scene import ArenaMoment, draw_ground, draw_scene
 from vsense.vision.cameras.camera import Camera
+
+VIEW_PX = 900
+"""Width of a view; its height follows from the arena."""
+
+_PAPER = 247
+_SOLID: Colour = (190, 184, 180)
+_GRID: Colour = (230, 228, 226)
+_GRID_M = 0.5
+_MOST_LINES = 100
 
 _GAP_PX = 6
 _EMPTY: Colour = (45, 38, 32)
@@ -49,7 +62,7 @@ def as_they_hang(cameras: Sequence[Camera]) -> list[list[Camera]]:
     return [sorted(row, key=lambda c: (c.position_m[0], c.id)) for row in rows]
 
 
-def draw(
+def _draw_panel(
     moment: ArenaMoment,
     picture: Image | None,
     view: ThroughLens,
@@ -122,7 +135,7 @@ class CameraPanels:
                 view, picture = self._views[camera.id], pictures.get(camera.id)
                 levels = self._levels_of(camera.id, picture)
                 title = (titles or {}).get(camera.id, camera.id)
-                panel = draw(moments[camera.id], picture, view, levels, title, scale)
+                panel = _draw_panel(moments[camera.id], picture, view, levels, title, scale)
                 grid[top : top + panel.shape[0], left : left + panel.shape[1]] = panel
                 left += panel.shape[1] + _GAP_PX * scale
             top += (row_px + _GAP_PX) * scale
@@ -141,3 +154,52 @@ def shape_of(cameras: Sequence[Camera]) -> float:
     columns = max(len(row) for row in rows)
     heights = (max(c.height_px / c.width_px for c in row) for row in rows)
     return columns / sum(heights)
+
+
+def draw_from_above(scene: ArenaMoment, width_px: int = VIEW_PX, scale: int = SCALE) -> Image:
+    """Draws a moment, (h, w, 3) BGR, `scale` times as large as it will be shown."""
+    snapshot = scene.snapshot
+    size_m = np.array(snapshot.arena.size_m[:2])
+    view = FromAbove(size_m, width_px)
+    canvas = Canvas(*view.size_px, scale)
+    if scene.view is None:
+        canvas.image[:] = _PAPER
+        _grid(canvas, view, size_m)
+    else:
+        _lay_beneath(canvas, scene.view)
+    draw_ground(canvas, snapshot, view)
+    for solid in snapshot.physical if scene.view is None else ():
+        outline = view.area(upright(solid.outline_m, 0.0))
+        canvas.fill(outline, _SOLID)
+        canvas.lines(outline, MUTED, 1.0, closed=True)
+    draw_scene(canvas, scene, view)
+    _scale_bar(canvas, view.zoom)
+    return canvas.image
+
+
+def _lay_beneath(canvas: Canvas, picture: Image) -> None:
+    height, width = canvas.image.shape[:2]
+    large = cv2.resize(picture, (width, height), interpolation=cv2.INTER_CUBIC)
+    grey = cv2.cvtColor(large, cv2.COLOR_GRAY2BGR)
+    # A lighter floor makes the drawing clear and keeps the cameras' view visible.
+    canvas.image[:] = cv2.addWeighted(grey, 0.72, np.full_like(grey, 255), 0.28, 0)
+
+
+def _grid(canvas: Canvas, view: FromAbove, size_m: Floats) -> None:
+    """Draws lines half a metre apart, through the arena's middle; none in an arena of hundreds."""
+    if size_m.max() > _MOST_LINES * _GRID_M:
+        return
+    half = size_m / 2.0
+    for axis in (0, 1):
+        last = int(np.ceil(half[axis] / _GRID_M)) - 1
+        for number in range(-last, last + 1):
+            ends = np.zeros((2, 3))
+            ends[:, axis] = number * _GRID_M
+            ends[:, 1 - axis] = -half[1 - axis], half[1 - axis]
+            canvas.lines(view.area(ends), _GRID, 1.0)
+
+
+def _scale_bar(canvas: Canvas, zoom: float) -> None:
+    bottom = canvas.image.shape[0] / canvas.scale - 16.0
+    canvas.lines(np.array([[16.0, bottom], [16.0 + zoom / 2.0, bottom]]), INK, 2.0)
+    canvas.text("0.5 m", 16.0, bottom - 8.0, INK, 0.45)
