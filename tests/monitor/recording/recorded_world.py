@@ -31,8 +31,8 @@ def experiment() -> dict[str, Any]:
         "robots": [{"tag": tag, "name": f"r{tag}", "height_m": 0.06} for tag in (1, 2)],
         "objects": [{"tag": 9, "name": "source"}],
         "controllers": [{"id": "c", "library": "l", "tags": [1, 2], "actuators": [], "sensors": [
-            {"name": "pollutant", "layout": "f4", "count": 1, "unit": None, "angles_rad": None},
-            {"name": "light", "layout": "2*f4", "count": 2, "unit": None, "angles_rad": [0.0, 1.0]},
+            {"name": "pollutant", "layout": "f4", "count": 1, "angles_rad": None},
+            {"name": "light", "layout": "2*f4", "count": 2, "angles_rad": [0.0, 1.0]},
         ]}],
         "cameras": [
             {"id": c.id, "tracker": c.id, "width_px": 320, "height_px": 240, "row": 0, "column": n,

@@ -77,12 +77,12 @@ def experiment(swarm: Swarm, cameras: int, mode: str) -> dict[str, Any]:
         "controllers": [{
             "id": "cleaners", "library": "pollutant", "tags": swarm.tags,
             "sensors": [
-                {"name": "pollutant", "layout": "u1", "count": 1, "unit": None, "angles_rad": None},
-                {"name": "proximity", "layout": "8*f4", "count": 8, "unit": None,
+                {"name": "pollutant", "layout": "u1", "count": 1, "angles_rad": None},
+                {"name": "proximity", "layout": "8*f4", "count": 8,
                  "angles_rad": EPUCK_RAD},
-                {"name": "light", "layout": "16*f4", "count": 16, "unit": None,
+                {"name": "light", "layout": "16*f4", "count": 16,
                  "angles_rad": EPUCK_RAD},
-                {"name": "gps", "layout": "2*f4", "count": 2, "unit": "m", "angles_rad": None},
+                {"name": "gps", "layout": "2*f4", "count": 2, "angles_rad": None},
             ],
             "actuators": [{"name": "cleaner", "layout": "u1", "count": 1}],
         }],

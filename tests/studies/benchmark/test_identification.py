@@ -48,7 +48,7 @@ def driven(
 
 def motion(poses: Floats, orders: WheelOrders | None, light: Floats) -> RunMotion:
     times_s, free = np.arange(STEPS) * DT_S, np.ones((STEPS, 1), bool)
-    axles_m, readings = (EPUCK.axle_m,), {("light", ""): light}
+    axles_m, readings = (EPUCK.axle_m,), {"light": light}
     return RunMotion(DT_S, (TAG,), times_s, poses, free, (orders,), axles_m, readings)
 
 

@@ -269,7 +269,6 @@ def _sensor(sensor: VirtualSensor) -> Data:
         "name": sensor.name,
         "layout": sensor.layout,
         "count": layout_dtype(sensor.layout)[0],
-        "unit": getattr(sensor, "unit", None),
         "angles_rad": None if angles_rad is None else angles_rad.tolist(),
         **(_hearing(sensor) if isinstance(sensor, RangeAndBearingSensor) else {}),
     }

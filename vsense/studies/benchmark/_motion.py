@@ -86,7 +86,7 @@ class RunMotion:
         free: (n, r) whether nobody and no wall was near.
         orders: of each robot; None: nothing is known.
         axles_m: (r,) distances of their wheels, nominal.
-        readings: by sensor's name and unit, (n, r, k) its values; NaN: not known.
+        readings: by sensor's name, (n, r, k) its values; NaN: not known.
     """
 
     timestep_s: float
@@ -96,7 +96,7 @@ class RunMotion:
     free: Flags
     orders: tuple[WheelOrders | None, ...]
     axles_m: Sequence[float]
-    readings: Mapping[tuple[str, str], Floats]
+    readings: Mapping[str, Floats]
 
     def still(self) -> Flags:
         """Whether each robot stood alone, (n, r)."""
@@ -192,7 +192,7 @@ class _Gathered:
         axles_m = [model.axle_m for model in self._models]
         return RunMotion(step_s, self.tags, times_s, poses, free, orders, axles_m, self._values())
 
-    def _values(self) -> dict[tuple[str, str], Floats]:
+    def _values(self) -> dict[str, Floats]:
         """The readings at the times of the run, of the first controller's sensors."""
         if not self._readings:
             return {}
@@ -205,7 +205,7 @@ class _Gathered:
                 for into, value in zip(tables, values):
                     if tag in self._row and len(value) == into.shape[2]:
                         into[place, self._row[tag]] = value
-        return {(s["name"], s.get("unit") or ""): v for s, v in zip(sensors, tables)}
+        return {sensor["name"]: values for sensor, values in zip(sensors, tables)}
 
 
 def _model(robot: Mapping[str, Any]) -> RobotModel:
@@ -369,8 +369,8 @@ def standing_noise(runs: Iterable[RunMotion]) -> list[StandingNoise]:
             values_of.setdefault((name, "mm"), []).append(1e3 * values)
         turns = np.diff(wrap_angle(np.diff(run.poses[..., 2], axis=0)), axis=0)
         values_of.setdefault(("heading", "deg"), []).append(np.degrees(turns[still]))
-        for key, values in run.readings.items():
-            values_of.setdefault(key, []).append(_second(values)[still].ravel())
+        for name, values in run.readings.items():
+            values_of.setdefault((name, ""), []).append(_second(values)[still].ravel())
     noise = []
     for (name, unit), parts in values_of.items():
         values = np.concatenate(parts)

@@ -189,7 +189,6 @@ export class Robot {
     return {
       key: `${tag}/reading/${sensor.name}`,
       label: `${sensor.name} of ${tag}`,
-      unit: sensor.unit ?? "",
       tag,
       now: (store) => numbersOf(store.sensed(tag).find((sensed) => sensed.sensor.name === sensor.name)),
     };
@@ -211,7 +210,7 @@ export class Robot {
     const isColour = sensor.name === COLOUR_SENSOR;
     if (age_ns === null || shown.length < BARS_FROM || isColour) {
       const text = age_ns === null ? "–" : shown.map(reading).join(", ");
-      write(cell, sensor.unit && age_ns !== null ? `${text} ${sensor.unit}` : text);
+      write(cell, text);
       if (isColour && !cell.querySelector("i")) cell.prepend(make("i"));
       if (isColour) inside(cell, "i").style.background = age_ns === null ? "" : rgb(shown.slice(0, 3));
       return;

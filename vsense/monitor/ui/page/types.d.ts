@@ -42,7 +42,6 @@ interface Sensor {
   name: string;
   layout: string;
   count: number;
-  unit: string | null;
   angles_rad: number[] | null;
 }
 
