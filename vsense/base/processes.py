@@ -207,6 +207,7 @@ def end(process: subprocess.Popen[Any], timeout_s: float = END_TIMEOUT_S) -> Non
 
 def terminate(processes: Collection[subprocess.Popen[Any]]) -> None:
     """Ends all: SIGTERM, and SIGKILL for those that do not end."""
+    processes = [*processes]  # another thread may change what it was taken from
     for process in processes:
         process.terminate()
     for process in processes:

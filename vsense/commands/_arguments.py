@@ -10,11 +10,13 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 from vsense.base.errors import UsageError
-from vsense.monitor.ui.access import WebAddress
 from vsense.robots.sources import CodeOptions
+
+if TYPE_CHECKING:
+    from vsense.monitor.ui.access import WebAddress
 
 Options = TypeVar("Options")
 Kind = Callable[[str], object]
@@ -303,6 +305,8 @@ INSECURE_PAGE = "other machines may open the page with plain HTTP, in which toke
 
 def web_of(options: argparse.Namespace) -> WebAddress | None:
     """Returns what `add_web` declares: where the page is served, None: nowhere."""
+    from vsense.monitor.ui.access import WebAddress  # a stop must not wait for it
+
     if options.web_key is not None and options.web_cert is None:
         raise UsageError("--web-key is the key of a certificate: give that with --web-cert")
     if options.web is None:

@@ -114,7 +114,7 @@ def run(options: argparse.Namespace) -> int:
     if options.forget is not None:
         _forget(path, options.forget)
     store: KeySource = KeyProcess(path)
-    outcomes = [] if options.roster is None else _bring(options, store)
+    outcomes = [] if options.roster is None else _bring_keys(options, store)
     holders = key_holders.note(holders_of(options), store.newest, outcomes)
     store, forgotten = key_holders.forget(path, store, holders, [o.robot for o in outcomes])
     facts = {**_key_facts(path, store, holders), "forgotten": forgotten}
@@ -140,7 +140,7 @@ def _forget(path: Path, number: int) -> None:
         swarm_keys.write(path, store.without(number))
 
 
-def _bring(options: argparse.Namespace, store: KeySource) -> list[Outcome]:
+def _bring_keys(options: argparse.Namespace, store: KeySource) -> list[Outcome]:
     """Brings the newest key to the robots of a list."""
     robots = _rosters.boards(_rosters.wanted_roster(options), options.tags, Console().say)
     plan = Plan(

@@ -56,7 +56,7 @@ def read(element: Element, folder: Path, code: CodeOptions) -> tuple[str, Progra
     except OSError as error:
         missing = shown(element.text("library", ""))
         raise element.error(f"{missing}: {error.strerror}", "library") from None
-    if wrong := program.without_label(element.name):
+    if wrong := program.label_error(element.name):
         raise element.error(wrong)
     return library, program
 

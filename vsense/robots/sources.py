@@ -118,7 +118,7 @@ class ProgramSources:
         """Whether it is written for ARGoS."""
         return any(registers(p, m) for p in self.sources for m in (CONTROLLER, LOOP_FUNCTIONS))
 
-    def without_label(self, label: str) -> str:
+    def label_error(self, label: str) -> str:
         """What is wrong where classes of controllers are registered and none of that label, which
         ARGoS refuses, too; "": nothing."""
         names = labels(self.sources, CONTROLLER)

@@ -87,7 +87,7 @@ class Look:
     Attributes:
         sheets: (m,) SHEET.
         owner: (m,) the body that each belongs to.
-        kept: What must live as long.
+        keep_alive: what must live as long.
     """
 
     sheets: NDArray[np.void]

@@ -54,7 +54,7 @@ class TrackOptions:
         json: figures at the end instead of states.
         snapshot: picture file of the last state, None: none is drawn.
         frames: timesteps of runs after which it ends, None: never.
-        room: how its runs are seen, steered and kept.
+        room: how its runs are seen, steered and kept; checked (`RoomOptions.check`).
         output: folder for what runs leave, None: one in `runs/` if they leave something.
         markers: by tag, where markers sit on their robots.
     """
