@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ast
 import hashlib
+import itertools
 import json
 import os
 import re
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 
 FOLDER = ROOT / "build" / "covered"
 """What was measured of this checkout."""
+PART_S, ALL_S = 30.0, 240.0
+"""Tests run together, and in all, for a mutant: by the times that were measured."""
 _TIMES = "times-"
 _OPTIONS = """\
 [run]
@@ -111,6 +114,15 @@ class Covered:
             contexts = self._of(mutant.path, function)
         tests = {re.sub(r" \((?:setup|call|teardown)\)$", "", context) for context in contexts}
         return sorted(tests & self._times_s.keys(), key=lambda test: (self._times_s[test], test))
+
+    def stages_of(self, mutant: Mutant, text: str) -> list[list[str]] | None:
+        """Those tests in parts, one after the other; None: the file has changed since."""
+        tests = self.tests_of(mutant, text)
+        if tests is None:
+            return None
+        ends_s = itertools.accumulate(self._times_s[test] for test in tests)
+        timed = [(end_s // PART_S, test) for end_s, test in zip(ends_s, tests) if end_s < ALL_S]
+        return [[test for _, test in part] for _, part in itertools.groupby(timed, lambda t: t[0])]
 
     def _of(self, path: str, lines: range | None) -> set[str]:
         if path not in self._files:

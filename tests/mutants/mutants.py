@@ -35,8 +35,6 @@ from tests.rigs.places import ROOT
 FOLDERS = ("vsense", "c_src", "robot", "firmware_bridge")
 LIMIT_S = 240.0
 """Tests that take longer have failed: they may have met an endless loop."""
-TESTS_MOST, PARTS_MOST = 60, 6
-"""Of the tests that run a line so many at once, the quickest first, and so often."""
 
 SWAPS = {
     **{"==": "!=", "!=": "==", "<": "<=", "<=": "<", ">": ">=", ">=": ">"},
@@ -252,11 +250,8 @@ class Copy:
 
     def _stages(self, mutant: Mutant, text: str) -> list[list[str]]:
         """The tests that run the line, where that was measured; else those of its rooms."""
-        tests = None if self._covered is None else self._covered.tests_of(mutant, text)
-        if tests is None:
-            return stages_of(mutant.path)
-        parts = [tests[k : k + TESTS_MOST] for k in range(0, len(tests), TESTS_MOST)]
-        return parts[:PARTS_MOST]
+        stages = None if self._covered is None else self._covered.stages_of(mutant, text)
+        return stages_of(mutant.path) if stages is None else stages
 
     def _build_as_it_is(self) -> None:
         if not self._build():
