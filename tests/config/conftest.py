@@ -8,8 +8,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from hypothesis import strategies as st
 
-from tests.config.tables import OWN_ACTUATOR, OWN_SENSOR
+from tests.config.tables import OWN_ACTUATOR, OWN_SENSOR, attributes
 from vsense.config.experiment import read
 from vsense.config.specs import Experiment
 
@@ -96,3 +97,15 @@ def read_full(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Experim
         return read(text.encode(), "x.argos", folder / "x.argos", None, settings)
 
     return read_experiment
+
+
+def any_change(data: st.DataObject, text: str) -> str:
+    """The file with any value of one attribute, and perhaps with a piece left out."""
+    attribute = data.draw(st.sampled_from(attributes(text)))
+    letters = st.characters(exclude_categories=("Cc", "Cs"), exclude_characters='<&"\ufffe\uffff')
+    words = st.text(letters, max_size=20) | st.floats().map(repr) | st.integers().map(str)
+    text = attribute.changed(text, data.draw(st.lists(words, max_size=4).map(",".join)))
+    if data.draw(st.booleans()):
+        cut = data.draw(st.integers(0, len(text)))
+        text = text[:cut] + text[cut + data.draw(st.integers(0, 80)) :]
+    return text

@@ -6,8 +6,6 @@ import re
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from hypothesis import strategies as st
-
 OWN_ACTUATOR = """
 from vsense import Scale
 
@@ -158,18 +156,6 @@ def attributes(text: str) -> list[Attribute]:
                 span = (at + match.start(), at + match.end())
                 found.append(Attribute(tag[1], match[1], match[2], line, *span))
     return found
-
-
-def any_change(data: st.DataObject, text: str) -> str:
-    """The file with any value of one attribute, and perhaps with a piece left out."""
-    attribute = data.draw(st.sampled_from(attributes(text)))
-    letters = st.characters(exclude_categories=("Cc", "Cs"), exclude_characters='<&"\ufffe\uffff')
-    words = st.text(letters, max_size=20) | st.floats().map(repr) | st.integers().map(str)
-    text = attribute.changed(text, data.draw(st.lists(words, max_size=4).map(",".join)))
-    if data.draw(st.booleans()):
-        cut = data.draw(st.integers(0, len(text)))
-        text = text[:cut] + text[cut + data.draw(st.integers(0, 80)) :]
-    return text
 
 
 def mutants(text: str) -> Iterator[tuple[Attribute, str, str]]:

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.config.tables import any_change
+from tests.config.conftest import any_change
 from tests.rigs.places import ROOT
 from vsense import cli
 from vsense.base.errors import ConfigError, UsageError

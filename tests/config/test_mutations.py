@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.config.conftest import any_change
 from tests.config.tables import (
     DUPLICATES,
     EXPECTATION,
@@ -16,7 +17,6 @@ from tests.config.tables import (
     OPTIONAL,
     REQUIRED,
     Attribute,
-    any_change,
     at_the_original,
     attributes,
     elements,

@@ -42,6 +42,7 @@ def test_all_is_well(idle: Rig, check: Check) -> None:
     assert not idle.host.connected, "nobody's session is taken"
 
 
+@pytest.mark.paced
 @pytest.mark.parametrize("kind", ["gctronic", "exec", "wifi", "thymio"])
 def test_a_robot_that_is_new_turns_a_little_and_back(rigs: Callable[..., Rig], kind: str) -> None:
     if kind == "thymio":
