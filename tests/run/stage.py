@@ -15,6 +15,7 @@ from vsense.config.experiment import load
 from vsense.config.specs import Experiment
 from vsense.robots.link.status import RobotStatus
 from vsense.robots.link.wire import Telemetry, Wanted
+from vsense.run.alarms import Alarm
 from vsense.run.runner import Runner
 from vsense.run.runtime import Step
 from vsense.run.watch import NoArenaState
@@ -78,6 +79,7 @@ class Stage:
         self.held: Mapping[int, str] = {}
         self.held_from: int | None = None
         self.places: dict[int, tuple[float, float]] = {}
+        self.observed: list[tuple[bool, list[Alarm]]] = []
         self.first: int | None = None
         self.lived = -1
         self.runner = Runner(
@@ -86,6 +88,7 @@ class Stage:
             self,  # type: ignore[arg-type]
             Console(self.terminal),
             self.interrupted,
+            observe=lambda step, robots: self.observed.append((step is None, self.runner.alarms)),
             clock=lambda: self.now_ns,
         )
 

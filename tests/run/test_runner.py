@@ -272,6 +272,9 @@ def test_a_robot_that_says_nothing_after_an_emergency_stop_is_seen_moving(stage:
     lines = [line for line in stage.terminal.getvalue().splitlines() if "LIFT IT" in line]
     assert len(lines) == 1 and lines[0].startswith(f"ROBOT {hung} does NOT stop: LIFT IT")
     assert lines[0].endswith("(told to stop 0.30 s ago, the cameras see it move)")
+    # Pages hear of the alarm at once, though the run's loop has ended.
+    (alarms,) = (alarms for silent, alarms in stage.observed if silent and alarms)
+    assert [alarm.text for alarm in alarms] == [f"robot {hung} does NOT stop: lift it"]
 
 
 def test_a_pause_when_the_last_robot_arrives_does_not_lose_the_run(stage: Stage) -> None:

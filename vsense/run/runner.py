@@ -380,13 +380,13 @@ class Runner:
             else:
                 threading.Event().wait(STAND_POLL_S)
             robots = self._server.robots()
-            self._say_disobedience(robots, state)
+            if self._say_disobedience(robots, state):
+                self._observe(None, robots)  # the run's loop, which observes, has ended
 
-    def _say_disobedience(
-        self, robots: Mapping[int, RobotStatus], state: ArenaState | None
-    ) -> None:
-        for line in self._obedience.update(robots, state, self._clock()):
+    def _say_disobedience(self, robots: Mapping[int, RobotStatus], state: ArenaState | None) -> int:
+        for line in (lines := self._obedience.update(robots, state, self._clock())):
             self._console.say(line, "trouble")
+        return len(lines)
 
     def _settle(self) -> None:
         """Stops sending and waits until every robot has reported what it received."""
