@@ -20,6 +20,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import coverage
 import pytest
 
 from tests.rigs.places import ROOT
@@ -46,8 +47,6 @@ disable_warnings = no-data-collected,module-not-imported,module-not-measured
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     """Notes what a test runs under its name, and its time."""
-    import coverage  # the extra "bench"
-
     measured = coverage.Coverage.current()
     assert measured is not None, "started without the environment of `measure`"
     measured.switch_context(item.nodeid)
@@ -71,7 +70,6 @@ def measure(tests: Sequence[str], jobs: int) -> int:
         file.relative_to(ROOT).as_posix(): hashlib.sha256(file.read_bytes()).hexdigest()
         for file in _code()
     }
-    (FOLDER / "digests").write_text(json.dumps(digests), "utf-8")
     own = {"COVERAGE_PROCESS_START": str(options), "PYTHONPATH": f"{ROOT}:{FOLDER}"}
     outer = {name: value for name, value in os.environ.items() if name != "PYTEST_CURRENT_TEST"}
     words = ["-p", "tests.mutants.covered", "-n", str(jobs), "-m", "not alone and not paced"]
@@ -79,6 +77,8 @@ def measure(tests: Sequence[str], jobs: int) -> int:
     code = subprocess.run(command, cwd=ROOT, env=outer | own).returncode
     combine = [sys.executable, "-m", "coverage", "combine", "--quiet", f"--rcfile={options}"]
     subprocess.run(combine, cwd=FOLDER, check=True)
+    # The last, so that what was cut short counts as not measured.
+    (FOLDER / "digests").write_text(json.dumps(digests), "utf-8")
     return code
 
 
@@ -91,8 +91,6 @@ class Covered:
 
     def __init__(self) -> None:
         self._digests = json.loads((FOLDER / "digests").read_text("utf-8"))
-        import coverage  # the extra "bench"
-
         self._lines = coverage.CoverageData(str(FOLDER / "lines"))
         self._lines.read()
         rows = [row for file in FOLDER.glob(f"{_TIMES}*") for row in file.open(encoding="utf-8")]
