@@ -24,7 +24,8 @@ ACCOUNTS = (
     "system/test_two_accounts.py::test_one_member_stops_the_others_run_and_a_stranger_does_not"
 )
 NODES = "vision/tracking/test_node_attacks.py::test_"
-SEARCH, RIG = "system/test_key_search.py::test_in_a_", "faults/test_faults.py::test_"
+KEY_SEARCH, RIG = "system/test_key_search.py::test_", "faults/test_faults.py::test_"
+SEARCH = f"{KEY_SEARCH}in_a_"
 
 PROMISES: Mapping[str, Tests] = {
     "Nobody without the key": (
@@ -88,6 +89,7 @@ PROMISES: Mapping[str, Tests] = {
         f"{KEYS}each_robot_gets_its_own_and_keeps_its_uid",
         f"{SEARCH}lab_no_code_of_users_finds_the_swarms_key",
     ),
+    "Keys and tokens": (f"{KEY_SEARCH}keys_and_tokens_are_in_private_files_only",),
     "No controller, loop function or sensor": (
         f"{SEARCH}lab_no_code_of_users_finds_the_swarms_key",
         f"{SEARCH}run_no_code_of_users_finds_the_swarms_key",

@@ -99,7 +99,8 @@ class Trials:
                 for pid in held:
                     os.kill(pid, signal.SIGCONT)
                 held.clear()
-        begun, self._canary.worst_s, self._ears.stopped_ns = len(self.lab.said), 0.0, None
+        self._canary.begin()
+        begun, self._ears.stopped_ns = len(self.lab.said), None
         order("stop", self.lab, "--emergency")
         waited_s = time.monotonic() + (SAID_S if disobeys else QUIET_S)
         said_ns = None

@@ -39,7 +39,7 @@ class Canary:
     much of the processors programs have that are not this process or its children.
 
     Attributes:
-        worst_s: the worst delay since `begin`, or since somebody set it to 0.
+        worst_s: the worst delay since `begin`.
     """
 
     PERIOD_S = 0.005

@@ -2,21 +2,30 @@
 
 Its C, in a robot's daemon and in a virtual robot beside the server, its loop functions and its
 sensor do. Each finds a canary, so each would find a key: the robot's process that robot's own.
+What a lab shows to all, and leaves behind, is searched, too.
 """
 
 from __future__ import annotations
 
+import base64
 import hashlib
 import os
+import re
 import shutil
 import signal
+import stat
 import subprocess
 import sys
+import urllib.request
+from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
+from urllib.error import HTTPError
 
 import pytest
+from mcap.stream_reader import StreamReader
 
-from tests.rigs.processes import free_port
+from tests.rigs.processes import Lab, descendants, free_port
 from tests.system.key_search.memory_search import CANARY, masked
 from vsense.robots.link import keys
 from vsense.robots.link.keys import SwarmKeys
@@ -106,6 +115,64 @@ def test_in_a_lab_no_code_of_users_finds_the_swarms_key(tmp_path: Path) -> None:
     # To search takes seconds: timesteps are left out, and the run may be invalid.
     assert lab.returncode in (0, 1), said
     check(file, lab.pid, "-")
+
+
+def forms(key: bytes) -> list[bytes]:
+    """How a key may be written."""
+    return [key, key.hex().encode(), base64.b64encode(key), repr(key)[2:-1].encode()]
+
+
+def shown(lab: Lab) -> Iterator[tuple[str, bytes]]:
+    """What all programs see of a lab's processes."""
+    for pid in (lab.process.pid, *descendants(lab.process.pid)):
+        for name in ("cmdline", "environ"):
+            yield f"{name} of {pid}", Path(f"/proc/{pid}/{name}").read_bytes()
+
+
+def left(folder: Path) -> Iterator[tuple[str, bytes]]:
+    """The files of a folder; of a recording what its chunks hold, too."""
+    for path in sorted(path for path in folder.rglob("*") if path.is_file()):
+        yield path.name, path.read_bytes()
+        if path.suffix == ".mcap":
+            with path.open("rb") as file:
+                yield f"chunks of {path.name}", repr(list(StreamReader(file).records)).encode()
+
+
+def test_keys_and_tokens_are_in_private_files_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "sitecustomize.py").write_text(DRAW)
+    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}:{os.environ.get('PYTHONPATH', '')}")
+    tokens, swarm = tmp_path / "tokens", SwarmKeys({1: KNOWN})
+    tokens.touch(mode=0o600)
+    tokens.write_text("look=a-token-that-looks\ncontrol=a-token-that-controls\n")
+    words = ["--robots", "2", "--record", "--web", "0", "--web-tokens", str(tokens), "--port", "0"]
+    lab = Lab(tmp_path / "run", "pollutant", *words, "--duration", "600", "--json")
+    needles = [*forms(KNOWN), b"a-token-that"]
+    try:
+        lab.wait_for("timestep 0")
+        address = re.findall(r"http://\S+:\d+", "".join(lab.said))[0]
+        for end in ("controls", "looks", "does-not-count"):
+            with suppress(HTTPError):
+                urllib.request.urlopen(f"{address}/?token=a-token-that-{end}").close()
+        files = sorted((tmp_path / "run").rglob("*.key"))
+        assert len(files) == 2
+        for file in files:
+            (uid,) = re.findall("uid = (.*)", text := file.read_text())
+            key = swarm.robot_key(bytes.fromhex(uid))
+            assert key.hex() in text and stat.S_IMODE(file.stat().st_mode) == 0o600
+            needles += forms(key)
+        seen = dict(shown(lab))
+    finally:
+        lab.process.send_signal(signal.SIGINT)
+        code = lab.end()
+    assert code == 130
+    seen |= dict(left(tmp_path / "run")) | {"summary": "".join(lab.printed).encode()}
+    assert len(seen) > 20 and any(name.startswith("chunks") for name in seen)
+    # The terminal of who has started it has the page's addresses, with the tokens.
+    said = re.sub(r"(?<=\?token=)\S+$", "", "".join(lab.said), flags=re.M)
+    seen["what it said"] = said.encode()
+    assert [name for name, data in seen.items() if any(n in data for n in needles)] == []
 
 
 def test_in_a_run_no_code_of_users_finds_the_swarms_key(tmp_path: Path) -> None:
