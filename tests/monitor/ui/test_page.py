@@ -215,7 +215,9 @@ def test_trouble_stands_in_the_banner_and_first_in_the_table(served: Serve, open
     puppet, _, url = served(running())
     page = opened(url)
     page.until("document.querySelector('#banner').hidden")
-    tag = puppet.swarm.tags[9]
+    tag, seen = puppet.swarm.tags[9], f"{len(puppet.swarm.tags)} robots seen"
+    # Objects with a marker are seen, too.
+    page.until(f"document.querySelector('#arena_note').innerText.startsWith('{seen}')")
     puppet.trouble = {tag: "link lost for 3.2 s"}
     page.until(f"document.querySelector('#banner').innerText.includes('Robot {tag}: link lost')")
     page.until(f"document.querySelector('#robots tbody').innerText.startsWith('{tag}')")

@@ -226,7 +226,7 @@ def test_who_stands_alone_is_told_with_why() -> None:
     room.step()
     rows = room.of("/robots")[-1]
     assert rows["held"][:4] == ["outside of the fence", "", "", ""], "the original's cannot pause"
-    assert rows["trouble"][:2] == ["stands: outside of the fence", "link lost for 2.0 s"]
+    assert rows["trouble"][:2] == ["stands (outside of the fence)", "link lost for 2.0 s"]
     assert rows["state"][0] == "pause"
 
 

@@ -201,7 +201,7 @@ def _trouble(row: Mapping[str, Any], unseen: bool) -> str:
     if row["stop_cause"]:
         return f"stopped: {row['stop_cause']}"
     if row["held"]:
-        return f"stands: {row['held']}"
+        return f"stands ({row['held']})"
     if unseen:
         age_ms = row["pose_age_ms"]
         return "never seen" if age_ms is None else f"not seen for {age_ms / 1e3:.1f} s"

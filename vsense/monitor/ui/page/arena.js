@@ -2,6 +2,7 @@
 
 import { Brush } from "./brush.js";
 import { byId, elements, fit, penOf, press, remember, remembered, write } from "./dom.js";
+import { count } from "./format.js";
 import { Ground, pictureOf } from "./ground.js";
 import { Names } from "./names.js";
 import { FromAbove, SCALE_BAR_M, aspectOf } from "./projections.js";
@@ -125,8 +126,9 @@ export class Arena {
     if (this.layers.names) drawNames(scene, robots, this.names, this.hovered);
     this.#overlay?.draw(scene);
     this.drawn = { count: this.drawn.count + 1, timestep: store.arena?.timestep ?? -1, robots };
-    const seen = store.arena?.robots.seen.filter(Boolean).length ?? 0;
-    write(this.note, store.arena ? `${seen} seen · ${size_m[0]} × ${size_m[1]} m` : "");
+    const { tag, seen } = store.arena?.robots ?? { tag: [], seen: [] };
+    const inView = seen.filter((isSeen, row) => isSeen && !store.objects.has(tag[row])).length;
+    write(this.note, store.arena ? `${count(inView, "robot")} seen · ${size_m[0]} × ${size_m[1]} m` : "");
   }
 
   /** @param {Pen} pen @param {FromAbove} view */
