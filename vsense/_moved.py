@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from types import ModuleType
 
 _ENDS = "0.3"
+_WARNED = "VSENSE_OLD_NAMES"
+"""The environment variable by which a process tells those that it starts what it has warned of."""
 
 TABLE = {
     "actuators": "world.actuators",
@@ -216,10 +218,13 @@ def _private(name: str) -> "str | None":
 
 
 def _alias(name: str, new: str, warns: bool) -> "ModuleSpec":
+    import os
     import warnings
     from importlib.machinery import ModuleSpec
 
-    if warns:
+    known = os.environ.get(_WARNED, "").split()
+    if warns and name not in known:
+        os.environ[_WARNED] = " ".join([*known, name])
         text = f"{name} is {new} now; the old name ends with vsense {_ENDS}"
         warnings.warn(text, FutureWarning, stacklevel=3)
     return ModuleSpec(name, _Alias(new))  # type: ignore[arg-type]

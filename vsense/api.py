@@ -115,7 +115,13 @@ def __getattr__(name: str) -> "Any":
     import importlib
 
     module, _, original = PLACES[name].partition(":")
-    value = globals()[name] = getattr(importlib.import_module(module), original or name)
+    try:
+        found = importlib.import_module(module)
+    except ModuleNotFoundError as error:
+        import vsense.base.errors as errors
+
+        raise errors.lacking(f"vsense.{name} needs", error) from None
+    value = globals()[name] = getattr(found, original or name)
     return value
 
 

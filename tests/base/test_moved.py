@@ -34,6 +34,11 @@ print(json.dumps([new, warned, specs]))
 """
 
 
+@pytest.fixture(autouse=True)
+def nobody_has_warned(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(_moved._WARNED, raising=False)
+
+
 def test_every_old_name_gives_the_module_and_warns_once() -> None:
     done = subprocess.run(
         [sys.executable, "-c", EVERY],
@@ -80,6 +85,15 @@ def test_ways_to_import(line: str) -> None:
     done = subprocess.run(words, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert "<string>:1: FutureWarning" in done.stderr and " now; " in done.stderr
+
+
+def test_a_process_that_is_started_warns_of_no_name_again() -> None:
+    inner = "import vsense.sensors, vsense.xml"
+    outer = (
+        f"import vsense.sensors, subprocess, sys; subprocess.run([sys.executable, '-c', {inner!r}])"
+    )
+    done = subprocess.run([sys.executable, "-c", outer], capture_output=True, text=True, check=True)
+    assert re.findall(r"FutureWarning: (\S+) is", done.stderr) == ["vsense.sensors", "vsense.xml"]
 
 
 def test_a_name_that_never_was_is_told_as_ever() -> None:

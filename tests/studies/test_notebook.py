@@ -326,3 +326,10 @@ def test_a_packages_tables_are_read_and_a_damaged_one_is_refused(folder: Path) -
     Path("cut.zip").write_bytes(kept[:-100])
     with pytest.raises(vsense.VsenseError, match=r"cut\.zip: is no package"):
         vsense.unpack("cut.zip", "cut")
+
+
+def test_a_name_whose_package_is_missing_says_how_to_install_it() -> None:
+    code = "import sys; sys.modules['zstandard'] = None; from vsense import open_recording"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    words = "ModuleNotFoundError: vsense.open_recording needs the Python package zstandard: "
+    assert words in done.stderr and "install" in done.stderr.splitlines()[-1]

@@ -168,4 +168,16 @@ def require(who: str, *packages: str) -> None:
     """
     for package in packages:
         if importlib.util.find_spec(package) is None:
-            raise UsageError(f"{who} the Python package {package}: {pip_line(package)}")
+            raise UsageError(_missing(who, package))
+
+
+def lacking(who: str, error: ModuleNotFoundError) -> ModuleNotFoundError:
+    """Names, as `require` does, the optional package that an import lacks; else gives `error`."""
+    package = error.name or ""
+    if package not in EXTRAS:
+        return error
+    return ModuleNotFoundError(_missing(who, package), name=package)
+
+
+def _missing(who: str, package: str) -> str:
+    return f"{who} the Python package {package}: {pip_line(package)}"
