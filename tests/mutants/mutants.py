@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import ast
 import itertools
+import json
 import os
 import queue
 import random
@@ -246,7 +247,7 @@ class Copy:
         if failed is None:
             return Verdict.SURVIVED
         # A busy machine or the time of day may have failed it, too.
-        return Verdict.KILLED if self._passes(failed, "--last-failed") else Verdict.UNJUDGED
+        return Verdict.KILLED if self._passes(self._failed() or failed) else Verdict.UNJUDGED
 
     def _stages(self, mutant: Mutant, text: str) -> list[list[str]]:
         """The tests that run the line, where that was measured; else those of its rooms."""
@@ -261,11 +262,19 @@ class Copy:
         command = [sys.executable, "setup.py", "build_ext", "--inplace", "--force"]
         return self._run(command, LIMIT_S) == 0
 
-    def _passes(self, stage: Sequence[str], *more: str) -> bool:
-        cache = self.root.with_name(f"{self.root.name}-failed")
-        if not more:
-            shutil.rmtree(cache, ignore_errors=True)
-        options = ["-x", "-q", "-o", f"cache_dir={cache}", "--hypothesis-seed=0", *more]
+    @property
+    def _cache(self) -> Path:
+        return self.root.with_name(f"{self.root.name}-cache")
+
+    def _failed(self) -> list[str]:
+        """The test that failed last; none, where the tests did not come to an end."""
+        with suppress(FileNotFoundError):
+            return [*json.loads((self._cache / "v/cache/lastfailed").read_text("utf-8"))]
+        return []
+
+    def _passes(self, stage: Sequence[str]) -> bool:
+        shutil.rmtree(self._cache, ignore_errors=True)
+        options = ["-x", "-q", "-o", f"cache_dir={self._cache}", "--hypothesis-seed=0"]
         marks = ["-m", "not alone and not paced"]
         command = [sys.executable, "-m", "pytest", *options, *marks, *stage]
         return self._run(command, LIMIT_S) in (0, 5)  # 5: no test is there

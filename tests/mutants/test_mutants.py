@@ -170,6 +170,14 @@ def test_told():
 """
 
 
+ALL = """\
+from vsense.room import thing
+
+def test_all():
+    thing.half(8)
+"""
+
+
 def test_only_the_tests_that_run_a_line_judge_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -180,6 +188,7 @@ def test_only_the_tests_that_run_a_line_judge_it(
         "vsense/room/__init__.py": "",
         "vsense/room/thing.py": COVERED,
         "tests/room/test_thing.py": TESTED,
+        "tests/room/test_all.py": ALL,
     }
     checkout(tmp_path, texts, monkeypatch)
     for name in ("mutants/covered.py", "rigs/places.py"):
@@ -197,11 +206,11 @@ def test_only_the_tests_that_run_a_line_judge_it(
         tests = found.tests_of(mutant, text)
         return tests if tests is None else {test.partition("::test_")[2] for test in tests}
 
-    assert tests_of(7) == {"half[4]", "half[6]", "nothing", "told"}
-    assert tests_of(9) == {"half[4]", "half[6]", "told"}
+    assert tests_of(7) == {"half[4]", "half[6]", "nothing", "told", "all"}
+    assert tests_of(9) == {"half[4]", "half[6]", "told", "all"}
     assert tests_of(10) == {"nothing"}
     assert tests_of(14) == {"told"}, "in a process that the test has started"
-    assert tests_of(1) == {"half[4]", "half[6]", "nothing", "told"}
+    assert tests_of(1) == {"half[4]", "half[6]", "nothing", "told", "all"}
     assert tests_of(1, COVERED + "\n") is None
     drawn = [m for m in mutants("vsense/room/thing.py", COVERED) if m.line in (7, 9)]
     assert try_all(drawn, jobs=1) == [Verdict.SURVIVED] * 2 + [Verdict.KILLED] * 2
