@@ -7,6 +7,7 @@ import itertools
 import json
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ import vsense
 from tests.rigs.places import DATA, ROOT
 from vsense import cli
 from vsense.config.experiment import load
+from vsense.config.experiments.start import start_controller
 from vsense.config.specs import Stage
 from vsense.robots import build
 from vsense.run.programs import told_programs
@@ -222,3 +224,24 @@ def test_robots_are_built_with_what_the_host_drives(folder: Path) -> None:
     assert told.name == build.REMOTE and len(told.hash) == 12
     sources = build.source_tree().daemon(build.on_robots(program)).program.sources
     assert [path.name for path in sources] == ["remote.c"]
+
+
+@pytest.mark.parametrize(
+    ("known", "stale", "values", "resting", "green"),
+    [
+        (False, False, (0, 255, 0, 255), True, False),
+        (True, True, (0, 0, 0, 255), True, True),
+        (True, True, (0, 255, 0, 255), False, False),
+        (True, False, (99, 201, 99, 255), False, True),
+        (True, False, (100, 201, 99, 255), False, False),
+        (True, False, (99, 200, 99, 255), True, False),
+        (True, False, (99, 201, 100, 255), True, False),
+    ],
+)
+def test_the_controller_of_new_knows_green(
+    known: bool, stale: bool, values: tuple[int, ...], resting: bool, green: bool
+) -> None:
+    controller = start_controller.Controller.__new__(start_controller.Controller)
+    controller.floor = SimpleNamespace(known=known, stale=stale, values=values)  # type: ignore[assignment]
+    controller.resting = resting
+    assert controller.is_on_green() is green

@@ -148,6 +148,17 @@ def test_pairs_that_are_alike_prove_nothing_while_they_are_few() -> None:
     assert final_verdict(same * 0.0, same, 0.1) == NOT_CLEAR  # a share of nothing
 
 
+def test_an_absolute_shift_has_the_interval_of_paired_differences() -> None:
+    from scipy import stats  # takes a second, which nobody else waits for
+
+    old, new = paired(1.2)(np.random.default_rng(5), 24)
+    shift = _sequential.shift_of(old, new, relative=False)
+    level = 1.0 - 2.0 * stats.norm.sf(_sequential._BOUNDARY)
+    bounds = stats.ttest_rel(new, old).confidence_interval(level)
+    assert shift.value == pytest.approx((new - old).mean()) and not shift.relative
+    assert (shift.low, shift.high) == pytest.approx(tuple(bounds), rel=1e-2)
+
+
 def compare(*words: str | Path) -> int:
     return main(["compare", *map(str, words)])
 

@@ -332,3 +332,16 @@ def test_a_file_that_changes_while_the_series_goes_on_ends_it(
     note = "changed since the series began: walk.c"
     assert rows == [("valid", ""), ("valid" if allowed else "void", note)]
     assert (f"changed since this series began: {program}" in said.getvalue()) == allowed
+
+
+def test_recordings_that_are_not_whole_are_counted_and_the_first_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recordings = _simulated._Recordings(tmp_path, 3, Console())
+    for trouble in ("", "no space left", "still none"):
+        recordings.add({"bytes": 2_000_000, "trouble": trouble})
+    recordings.say()
+    said = capsys.readouterr().err
+    assert "2.0 MB a run, about 6.0 MB for all 3" in said and said.count("a run,") == 1
+    assert "a recording is not whole: no space left" in said and "still none" not in said
+    assert f"{tmp_path}, 3 recordings, 6.0 MB" in said and "2 of them are not whole" in said
