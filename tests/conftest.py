@@ -148,8 +148,12 @@ def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture(scope="module")
 def shared_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """A cache of builds that all workers of this session have in common: `$XDG_CACHE_HOME`."""
-    cache = shared_folder("builds", tmp_path_factory)
+    """A cache of builds that all workers of this session have in common: `$XDG_CACHE_HOME`.
+
+    Who starts many sessions of the same sources names one for all of them.
+    """
+    named = os.environ.get("VSENSE_TEST_BUILDS")
+    cache = Path(named) if named else shared_folder("builds", tmp_path_factory)
     share_parts(cache)
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(cache))

@@ -224,9 +224,8 @@ class Copy:
             (root / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(ROOT / name, root / name)
         (root / ".venv").symlink_to(ROOT / ".venv")
-        # A file that changes within a second, and keeps its size, has its former bytecode.
-        own = {"PYTHONPATH": str(root), "PYTHONDONTWRITEBYTECODE": "1"}
-        self._environment = os.environ | own
+        self._environment = os.environ | {"PYTHONPATH": str(root)}
+        self._changes = 0
         self._build_as_it_is()
 
     def verdict(self, mutant: Mutant) -> Verdict:
@@ -234,20 +233,32 @@ class Copy:
         path = self.root / mutant.path
         text = path.read_text("utf-8")
         is_c = not mutant.path.endswith(".py")
+        # Programs of robots are built anew where the mutant is in them, or in what builds them.
+        is_built = is_c or path.is_relative_to(self.root / "vsense/robots")
+        builds = self._cache / ("mutant" if is_built else "all")
+        if is_built:
+            shutil.rmtree(builds, ignore_errors=True)
+        self._environment["VSENSE_TEST_BUILDS"] = str(builds)
         try:
-            path.write_text(mutant.apply(text), "utf-8")
+            self._write(path, mutant.apply(text))
             if is_c and not self._build():
                 return Verdict.KILLED
             stages = self._stages(mutant, text)
             failed = next((s for s in stages if not self._passes(s)), None)
         finally:
-            path.write_text(text, "utf-8")
+            self._write(path, text)
             if is_c:  # the next mutant is judged with the library as it was
                 self._build_as_it_is()
         if failed is None:
             return Verdict.SURVIVED
         # A busy machine or the time of day may have failed it, too.
         return Verdict.KILLED if self._passes(self._failed() or failed) else Verdict.UNJUDGED
+
+    def _write(self, path: Path, text: str) -> None:
+        """Writes a file at a time of its own: bytecode is known by its file's second and size."""
+        path.write_text(text, "utf-8")
+        self._changes += 1
+        os.utime(path, (self._changes, self._changes))
 
     def _stages(self, mutant: Mutant, text: str) -> list[list[str]]:
         """The tests that run the line, where that was measured; else those of its rooms."""
@@ -267,14 +278,17 @@ class Copy:
         return self.root.with_name(f"{self.root.name}-cache")
 
     def _failed(self) -> list[str]:
-        """The test that failed last; none, where the tests did not come to an end."""
+        """The test that failed last, or the file that could not be read; none, where the tests did
+        not come to an end."""
         with suppress(FileNotFoundError):
-            return [*json.loads((self._cache / "v/cache/lastfailed").read_text("utf-8"))]
+            failed = json.loads((self._cache / "pytest/v/cache/lastfailed").read_text("utf-8"))
+            return [name for name in failed if name]  # the session itself has none
         return []
 
     def _passes(self, stage: Sequence[str]) -> bool:
-        shutil.rmtree(self._cache, ignore_errors=True)
-        options = ["-x", "-q", "-o", f"cache_dir={self._cache}", "--hypothesis-seed=0"]
+        folder = self._cache / "pytest"
+        shutil.rmtree(folder, ignore_errors=True)
+        options = ["-x", "-q", "-o", f"cache_dir={folder}", "--hypothesis-seed=0"]
         marks = ["-m", "not alone and not paced"]
         command = [sys.executable, "-m", "pytest", *options, *marks, *stage]
         return self._run(command, LIMIT_S) in (0, 5)  # 5: no test is there

@@ -11,6 +11,7 @@ from vsense.base.errors import VsenseError
 from vsense.config.experiment import load
 from vsense.run.changes import DRAG_TIMEOUT_NS, MOST_AT_ONCE, MOST_WAITING
 from vsense.run.changing import MOST_ROBOTS, Change, Ground, carry_out
+from vsense.run.environment import Environment
 from vsense.run.orders import OrderError
 from vsense.world.entities import VIRTUAL_TAG_MIN, VirtualRobot
 
@@ -174,7 +175,7 @@ def test_of_a_drag_the_end_is_told_once_or_a_moment_after_it_was_broken_off() ->
     assert run.told[1] == "Ada: nest is at 0.40, 0.20 m"
 
 
-def test_virtual_robots_come_and_go() -> None:
+def test_virtual_robots_come_and_go(monkeypatch: pytest.MonkeyPatch) -> None:
     run = ChangedRun()
     world, said = run.environment.world, {"kind": "add", "x_m": 0.1, "y_m": 0.2}
     for _ in range(MOST_ROBOTS):
@@ -186,6 +187,12 @@ def test_virtual_robots_come_and_go() -> None:
     carry_out(Change.read(said), run.environment)
     assert len(world.robots) == count and "visitor 7" not in world.entities
     assert len({robot["tag"] for robot in world.robots}) == count
+    # Where the experiment's functions may count robots, none comes or goes.
+    monkeypatch.setattr(Environment, "robots_may_change", False)
+    for change in ({"kind": "remove", "name": "visitor 8"}, {**said, "name": "late"}):
+        with pytest.raises(VsenseError, match="none can come or go"):
+            carry_out(Change.read(change), run.environment)
+    assert len(world.robots) == count and "visitor 8" in world.entities
 
 
 def test_nobody_inherits_the_controller_of_a_robot_that_is_gone() -> None:

@@ -17,7 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vsense.base.errors import VsenseError
-from vsense.studies.packages import _archive
+from vsense.studies.packages import _archive, _comparing
 from vsense.studies.packages._archive import (
     MANIFEST,
     DamagedPackage,
@@ -53,6 +53,9 @@ def test_the_same_files_are_the_same_bytes_and_come_out_again(whole: Path, tmp_p
     os.utime(whole, (1, 1))
     _archive.write(other, dict(reversed([*FILES.items(), (MANIFEST, sums(FILES))])))
     assert other.read_bytes() == whole.read_bytes()
+    with zipfile.ZipFile(whole) as archive:  # what unzip makes: files that all read, one writes
+        made = {(info.create_system, info.external_attr >> 16) for info in archive.infolist()}
+    assert made == {(3, stat.S_IFREG | 0o644)}
     with Package(whole) as package:
         package.verify()
         package.unpack(tmp_path / "out")
@@ -192,3 +195,14 @@ def test_contents_that_are_none_are_named_once(tmp_path: Path, contents: bytes, 
     with pytest.raises(PackageError) as caught:
         reproduce(path, ReproduceOptions(only_check=True), Event(), len, len)
     assert str(caught.value).startswith(f"{path}: {words}")
+
+
+def test_tables_are_compared_cell_by_cell() -> None:
+    before = "t,x,who\n0,1.5,a\n1,2.5,b\n"
+    assert _comparing.tables(before, before) == ""
+    now = before.replace("1.5", "1.25").replace("2.5", "3.5") + "2,9,c\n"
+    words = _comparing.tables(before, now)
+    assert words == "5 cells, by up to 1; the first: line 2, x: 1.5 before, now 1.25"
+    assert _comparing.tables(before, before.replace("\n", "\r\n")) == (
+        "other bytes with the same cells"
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import time
@@ -129,14 +130,27 @@ def test_garbage_and_other_versions_are_refused_and_cost_nothing_else(scene: Sce
             ("west/rows", b"\0" * 100_000),
             ("west/rows", good[: len(good) // 2]),
             ("west/rows", good[:4] + b"\2\0" + good[6:]),
-            ("west/events", b"[0, [[0, 'gone', 'x']]]"),
             ("west/events", b"\xff" * 1000),
             ("west/preview/99", b"x"),
             ("west/preview/00009999", b"x"),
             ("west/preview/0", b"x" * 1000),
         ]
     )
-    assert any("format 2, this is 1" in line for line in lines) and len(lines) == 9
+    assert any("format 2, this is 1" in line for line in lines) and len(lines) == 8
+
+
+def test_events_count_of_its_session_its_cameras_and_kinds_that_nodes_have(scene: Scene) -> None:
+    def event(session: int, camera: int, kind: str, text: str = "seen") -> tuple[str, bytes]:
+        return "west/events", json.dumps([session, [[camera, kind, text]]]).encode()
+
+    own, said = scene.link.session, len(scene.watched.said)
+    others = [(0, 0, "dark"), (own + 1, 0, "dark"), (own, 4, "dark"), (own, 0, "refused")]
+    assert len(scene.refused([event(*other) for other in others])) == 4
+    assert not any("seen" in text for _, text in scene.watched.said[said:])
+    scene.say(*event(own, 3, "gone", "seen " * 1000))
+    scene.watched.wait(lambda: any("seen" in text for _, text in scene.watched.said), "an event")
+    (text,) = (text for _, text in scene.watched.said if "seen" in text)
+    assert "cam_3" in text and len(text) < 1000, "and no text is longer than messages are"
 
 
 def test_rows_that_were_heard_count_once(scene: Scene) -> None:

@@ -108,6 +108,10 @@ def test_a_view_from_aside_weighs_less() -> None:
     found = detections((1, 809.5, 609.5), (2, 1600.0, 609.5))
     below, aside = place_views(found, {1: 0.06, 2: 0.06})["weight"]
     assert below > 3.0 * aside
+    # Far from the border: the inverse of the picture's variance and the height's together.
+    (view,) = place_views(detections((1, 1100.0, 609.5)), {1: 0.06})
+    lean_m = np.hypot(*view["height_sensitivity"])
+    assert 1.0 / view["weight"] == pytest.approx(1e-7 + lean_m**2) and lean_m > 2e-4
 
 
 @given(st.lists(seen_views, max_size=8), st.randoms(use_true_random=False))

@@ -12,7 +12,14 @@ from hypothesis import strategies as st
 
 from vsense.base.errors import ConfigError
 from vsense.base.xml.parsing import parse
-from vsense.world.sensors.quality import Delay, Distortion, Quality, Scale, generator
+from vsense.world.sensors.quality import (
+    Delay,
+    Distortion,
+    Quality,
+    QualityError,
+    Scale,
+    generator,
+)
 
 UNIT = Scale(low=0.0, high=1.0)
 PLAIN = Scale()
@@ -50,6 +57,28 @@ def test_every_setting_is_read_from_its_attribute() -> None:
         ' vs:high="0.9" vs:bits="8" vs:latency="2" vs:drop_out="0.5" vs:update_every="3"'
     )
     assert read == Quality(0.1, 0.2, -0.3, 0.4, 0.05, 0.9, 8, 2, 0.5, 3)
+
+
+@pytest.mark.parametrize(
+    ("setting", "least", "most"),
+    [
+        ("noise_level", 0.0, 1e6),
+        ("noise_std_dev", 0.0, 1e6),
+        ("bias", -1e6, 1e6),
+        ("drift_per_s", -1e6, 1e6),
+        ("bits", 0, 24),
+        ("latency", 0, 1000),
+        ("drop_out", 0.0, 1.0),
+        ("update_every", 1, 100_000),
+    ],
+)
+def test_a_setting_is_changed_within_its_bounds(setting: str, least: float, most: float) -> None:
+    for value in (least, most):
+        assert getattr(Quality().changed(setting, value, UNIT), setting) == value
+    beyond = 1 if isinstance(least, int) else 1e-6
+    for value in (least - beyond, most + beyond):
+        with pytest.raises(QualityError, match=f"{setting} is "):
+            Quality().changed(setting, value, UNIT)
 
 
 @pytest.mark.parametrize(

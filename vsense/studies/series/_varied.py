@@ -63,7 +63,7 @@ class Varied:
             step = None if how in (None, "log") else float(how)
             varied = cls(key, (), float(low), float(high), step, log=how == "log")
             span = varied.high - varied.low
-            if not 0.0 < span < float("inf") or not 0.0 < (span if step is None else step) <= span:
+            if not 0.0 < (span if step is None else step) <= span < float("inf"):
                 raise ValueError
         except ValueError:
             words = "expected LOW..HIGH, LOW..HIGH:STEP or LOW..HIGH:log, LOW below HIGH by STEP"
