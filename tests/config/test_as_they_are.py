@@ -203,6 +203,15 @@ def test_robots_that_are_parked_on_one_place_are_placed_anew(folder: Path, stage
     assert len({pose.yaw_rad for pose in poses if pose is not None}) == 12
 
 
+def test_robots_that_are_placed_anew_stand_around_their_place_in_the_file(folder: Path) -> None:
+    text = PARKED.replace('"0,0,0" orientation', '"-0.6,0.1,0" orientation')
+    poses = [robot.pose for robot in settle(loaded(folder, text), 4).robots]
+    places = np.array([(pose.x_m, pose.y_m) for pose in poses if pose is not None])
+    assert len(places) == 12
+    assert np.median(places, axis=0) == pytest.approx((-0.6, 0.1), abs=0.15)
+    assert 0.1 < np.hypot(*(places - (-0.6, 0.1)).T).max() < 0.5
+
+
 def test_a_robot_that_only_touches_another_keeps_its_heading(folder: Path) -> None:
     text = PARKED.replace(ROBOT.replace("fb0", "fb5"), ROBOT.replace("fb0", "fb5").replace(
         '"0,0,0" orientation="90', '"0.05,0,0" orientation="30'))  # fmt: skip
