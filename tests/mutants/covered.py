@@ -98,7 +98,8 @@ class Covered:
         self._files: dict[str, dict[int, list[str]]] = {}
 
     def tests_of(self, mutant: Mutant, text: str) -> list[str] | None:
-        """The tests that run a mutant's line, the quickest first; `text` is its file's.
+        """The tests that run a mutant's line: its folder's first, and of those the quickest; `text`
+        is its file's.
 
         Of a line that runs when its module is imported: those that run a function of the file, or
         a line with the name that it gives a value. None: the file has changed since.
@@ -111,7 +112,9 @@ class Covered:
         else:
             contexts = self._of(mutant.path, function)
         tests = {re.sub(r" \((?:setup|call|teardown)\)$", "", context) for context in contexts}
-        return sorted(tests & self._times_s.keys(), key=lambda test: (self._times_s[test], test))
+        nearest = f"{Path('tests', *Path(mutant.path).parts[1:-1]).as_posix()}/"
+        known = tests & self._times_s.keys()
+        return sorted(known, key=lambda t: (not t.startswith(nearest), self._times_s[t], t))
 
     def stages_of(self, mutant: Mutant, text: str) -> list[list[str]] | None:
         """Those tests in parts, one after the other; None: the file has changed since."""

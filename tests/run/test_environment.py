@@ -318,3 +318,21 @@ def test_own_sensors_are_where_a_robot_has_put_them() -> None:
         values = np.frombuffer(data, "<f4").tolist()
         assert (values, measured_ns) == ([100.0 * at + n for n in range(count)], 7)
     assert len(readings) == len(OWN_COUNTS)
+
+
+def test_virtual_numbers_count_beside_own_ones_while_they_are_fresh() -> None:
+    """Of `+proximity` and the ring the larger one, each; 2.5 timesteps long."""
+    tags = [1, 2, 3, 4]
+    devices = OwnDevices(Table([Entry(1, "+proximity", "8*f4")]), tags, STEP_NS)
+    own = np.zeros(sum(1 + count for count in OWN_COUNTS.values()), "<f4")
+    own[:9] = 8, *range(0, 80, 10)
+    for tag in tags:
+        devices.hear(tag, own.tobytes(), 7)
+    now_ns = 10 * STEP_NS
+    taken_ns = [now_ns, now_ns - 5 * STEP_NS // 2, now_ns - 5 * STEP_NS // 2 - 1, NEVER_NS]
+    block = np.full((4, 8), 35.0, "<f4").view(np.uint8)
+    virtual = SensorReadings(tags, [32], block, np.array(taken_ns).reshape(4, 1))
+    sensed = devices.sense(virtual, now_ns)
+    rings = [np.frombuffer(sensed[tag][0][0], "<f4").tolist() for tag in tags]
+    alone = [*range(0, 80, 10)]
+    assert rings == [[max(35, n) for n in alone]] * 2 + [alone] * 2

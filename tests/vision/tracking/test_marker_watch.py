@@ -119,6 +119,25 @@ def test_what_is_covered_for_a_moment_is_not_told(name: str) -> None:
     assert watch(family, cover) == []
 
 
+@pytest.mark.parametrize(("shown", "told"), [((0, 2, 3, 5, 6), 2), ((0, 3, 6), 0)])
+def test_a_covered_marker_is_told_where_it_is_seen_twice_a_second(
+    shown: tuple[int, ...], told: int
+) -> None:
+    """In 5 or in 3 pictures of two seconds, which have 8."""
+    family = load_family("arrow4x4")
+
+    def some(time_s: float) -> list[Robot]:
+        robots = driving(family, time_s)
+        is_shown = time_s < 1.0 or time_s >= 8.0 or round(time_s / PERIOD_S) % 8 in shown
+        return robots if is_shown else [robots[0], *robots[2:]]
+
+    def cover(time_s: float, picture: np.ndarray, robots: list[Robot]) -> None:
+        if 1.0 <= time_s < 8.0 and len(robots) == 4:
+            tape(picture, family, robots[1], 0.5, 35)
+
+    assert len(watch(family, cover, robots=some)) == told
+
+
 @pytest.mark.parametrize(
     ("name", "hard"),
     [

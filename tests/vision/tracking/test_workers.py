@@ -6,11 +6,14 @@ import os
 import threading
 from collections.abc import Iterator
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
-from vsense.vision.tracking._workers import Workers
+from vsense.vision.tracking._kernel import MARKER
+from vsense.vision.tracking._workers import Workers, _joined
 
 
 @pytest.fixture
@@ -102,3 +105,16 @@ def test_a_single_one_is_the_caller_s_thread_unless_it_is_pinned() -> None:
     pinned.close()
     assert there != here and len(seen) == 1
     assert seen <= os.sched_getaffinity(0)
+
+
+def test_of_one_place_the_layer_that_reads_a_tag_counts_and_of_two_the_better() -> None:
+    def layer(*markers: tuple[float, float, float]) -> NDArray[np.void]:
+        rows = np.zeros(len(markers), dtype=MARKER)
+        rows["x_m"], rows["tag"], rows["error"] = np.array(markers).reshape(-1, 3).T
+        return rows
+
+    # Tag 0 read badly, and the same marker not read in the other layer, with the lower error.
+    one, other = layer((1.0, 0.0, 0.3), (3.0, 7.0, 0.2)), layer((1.0, -1.0, 0.1))
+    better = layer((3.0, 8.0, 0.1), (5.0, -1.0, 0.4))
+    joined = _joined([one, other, better])
+    assert sorted(zip(joined["x_m"], joined["tag"])) == [(1.0, 0.0), (3.0, 8.0), (5.0, -1.0)]
