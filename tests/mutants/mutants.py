@@ -233,6 +233,9 @@ class Copy:
         path = self.root / mutant.path
         text = path.read_text("utf-8")
         is_c = not mutant.path.endswith(".py")
+        in_library = is_c and not mutant.path.startswith("robot/")
+        if self._is_changed and not in_library:
+            self._build_as_it_is()
         # Programs of robots are built anew where the mutant is in them, or in what builds them.
         is_built = is_c or path.is_relative_to(self.root / "vsense/robots")
         builds = self._cache / ("mutant" if is_built else "all")
@@ -241,16 +244,18 @@ class Copy:
         self._environment["VSENSE_TEST_BUILDS"] = str(builds)
         try:
             self._write(path, mutant.apply(text))
-            if is_c and not self._build():
-                return Verdict.KILLED
+            if in_library:
+                self._is_changed = True
+                if not self._build():
+                    return Verdict.KILLED
             stages = self._stages(mutant, text)
             failed = next((s for s in stages if not self._passes(s)), None)
         finally:
             self._write(path, text)
-            if is_c:  # the next mutant is judged with the library as it was
-                self._build_as_it_is()
         if failed is None:
             return Verdict.SURVIVED
+        if self._is_changed:
+            self._build_as_it_is()
         # A busy machine or the time of day may have failed it, too.
         return Verdict.KILLED if self._passes(self._failed() or failed) else Verdict.UNJUDGED
 
@@ -268,6 +273,7 @@ class Copy:
     def _build_as_it_is(self) -> None:
         if not self._build():
             raise RuntimeError("the C library does not build without a change")
+        self._is_changed = False
 
     def _build(self) -> bool:
         command = [sys.executable, "setup.py", "build_ext", "--inplace", "--force"]

@@ -101,8 +101,8 @@ def test_the_library_is_built_as_it_was_after_a_mutant_of_c(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     texts = {
-        "setup.py": "import shutil; shutil.copy('robot/thing.c', 'library')",
-        "robot/thing.c": "int thing = 1;\n",
+        "setup.py": "import shutil; shutil.copy('firmware_bridge/thing.c', 'library')",
+        "firmware_bridge/thing.c": "int thing = 1;\n",
         "vsense/room/thing.py": "UNUSED = 3\n",
         "tests/robots/test_c_suite.py": "def test_nothing():\n    pass\n",
         "tests/room/test_thing.py": "def test_it():\n"
@@ -110,7 +110,7 @@ def test_the_library_is_built_as_it_was_after_a_mutant_of_c(
     }
     checkout(tmp_path, texts, monkeypatch)
     drawn = sorted(draw(files(FOLDERS), 9, 1), key=lambda mutant: mutant.path)
-    assert [m.path for m in drawn] == ["robot/thing.c", "vsense/room/thing.py"]
+    assert [m.path for m in drawn] == ["firmware_bridge/thing.c", "vsense/room/thing.py"]
     assert try_all(drawn, jobs=1) == [Verdict.SURVIVED, Verdict.SURVIVED]
 
 
