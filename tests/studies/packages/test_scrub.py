@@ -62,8 +62,10 @@ def test_an_experiments_paths_are_beside_it() -> None:
 
 def test_a_roster_keeps_what_was_measured_and_no_hosts() -> None:
     text = '[defaults]\nhost = "pi@10.0.0.9"\n[[robot]]\ntag = 7\nhost = "x"\nuid = "af"\n'
-    told = tomlkit.parse(SCRUBBER.roster(text)).unwrap()
-    assert told == {"defaults": {}, "robot": [{"tag": 7, "uid": "af"}]}
+    scrubber = Scrubber([])
+    told = tomlkit.parse(scrubber.roster(text + "[[robot]]\ntag = 8\n")).unwrap()
+    assert told == {"defaults": {}, "robot": [{"tag": 7, "uid": "af"}, {"tag": 8}]}
+    assert scrubber.counts == {"addresses of robots": 2}
     assert "host" not in SCRUBBER.roster("host = [broken 10.0.0.9").replace("host = [", "")
 
 

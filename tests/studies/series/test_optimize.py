@@ -183,7 +183,9 @@ def test_a_sampler_learns_from_what_is_in_the_table() -> None:
     # Uniform draws lie 2.1 away on average.
     assert np.abs(logs[:10] - 1.0).mean() > 1.2 > 0.8 > np.abs(logs[-10:] - 1.0).mean()
     with _plot.styled(None):
-        drawn = _plot.encode(_draw(found), "svg").decode()
+        figure = _draw(found)
+        assert len(figure.axes) == 2, "in their order, and by the one setting"
+        drawn = _plot.encode(figure, "svg").decode()
     assert ">0.001<" in drawn and "math" not in drawn  # a power of ten has no formula
 
 
