@@ -18,7 +18,7 @@ from vsense.studies.report._compare import campaign_runs, groups
 from vsense.studies.report.study._collect import TableOfRuns
 from vsense.studies.report.study._results import results_of
 from vsense.studies.report.study._section import boxes
-from vsense.studies.series._comparison import draw
+from vsense.studies.series._comparison import PANELS_IN_ROW, draw
 
 finite = st.floats(-1e9, 1e9)
 
@@ -121,3 +121,13 @@ def test_long_settings_are_shortened_and_told_apart() -> None:
     assert first[0].startswith("1. params.fsm = ") and second[0].startswith("2. params.fsm = ")
     assert first[-1].endswith(" ...") and len(first) == 3
     assert max(map(len, first)) < 30
+
+
+def test_a_row_of_panels_is_as_high_whatever_is_below() -> None:
+    runs = [[1.0, 2.0]]
+    heights = []
+    for rows in (1, 2, 4):
+        measures = {f"m{number}": runs for number in range(rows * PANELS_IN_ROW)}
+        heights.append(draw("it", [{"a.b": "1"}], measures).get_figheight())
+    first, second, fourth = heights
+    assert second > first + 0.5 and fourth - second == pytest.approx(2.0 * (second - first))

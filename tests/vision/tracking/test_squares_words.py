@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vsense.vision.markers._dictionary import Codes, FamilyError, load_codes
-from vsense.vision.tracking._squares_words import WordReader, project_squares
+from vsense.vision.tracking._squares_words import WordReader, _under_blur, project_squares
 
 CODES = load_codes("DICT_4X4_50")
 READER = WordReader(CODES)
@@ -95,3 +95,26 @@ def test_the_unit_square_is_mapped_as_opencv_maps_it(seed: int) -> None:
     expected = cv2.perspectiveTransform(points[np.newaxis], matrix)[0]
     assert project_squares(quad[np.newaxis], points)[0] == pytest.approx(expected, abs=1e-3)
     assert project_squares(quad[np.newaxis], square)[0] == pytest.approx(quad, abs=1e-9)
+
+
+@pytest.mark.parametrize("around", [True, False])
+def test_lengths_of_words_are_those_of_their_blurred_pictures_without_a_slope(around: bool) -> None:
+    """By the definition, a picture at a time: of all cells but the four corners, or of the inner
+    ones, what no plane of light explains."""
+    random, side, span = np.random.default_rng(3), 4, 6
+    dark = -random.integers(0, 2, (4 * 3, side, side)).astype(np.float32)
+    lines = [random.uniform(0.0, 1.0, (span, side)) for _ in range(2)]
+    per_length, _ = _under_blur(dark, lines, around)
+    at_edge = np.isin(np.arange(span), (0, span - 1)).astype(int)
+    at_edges = np.add.outer(at_edge, at_edge)
+    used = (at_edges < 2) if around else (at_edges == 0)
+    rows, columns = np.nonzero(used)
+    plane = np.stack((np.ones(len(rows)), rows, columns), axis=1)
+    expected = []
+    for u in range(2):
+        for v in range(2):
+            for word in dark[::4]:
+                seen = (lines[v] @ word @ lines[u].T)[used]
+                fit = plane @ np.linalg.lstsq(plane, seen, rcond=None)[0]
+                expected.append(1.0 / np.linalg.norm(seen - fit))
+    assert per_length.ravel().tolist() == pytest.approx(expected, rel=1e-4)
