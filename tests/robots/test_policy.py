@@ -359,7 +359,10 @@ PHEROMONE = '<virtual_pheromone_actuator implementation="default" field="trail" 
         ),
         ('<params leds="2" />', False, "'leds' is '2', expected 0 or 1"),
         ('<params actuators="horn 0" />', False, "'actuators' is 'horn 0', expected NAME LOW HIGH"),
-        ('<params actuators="horn 0 x" />', False, "expected NAME LOW HIGH"),
+        *(
+            (f'<params actuators="horn 0 {word}" />', False, "expected NAME LOW HIGH")
+            for word in ("x", "nan", "inf", "1_0")
+        ),
         ('<params actuators="horn 0 1" />', False, "'actuators' names 'horn'; there are: none"),
     ],
 )

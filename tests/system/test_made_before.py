@@ -101,6 +101,8 @@ def test_its_packages_are_made_anew_in_every_bit(
     code, out = vsense(capsys, "reproduce", made / package, *more, "-j", 1, "-o", again, "--json")
     assert code == 0, out
     assert os.listdir(again)
+    (note,) = (n for n in json.loads(out)["notes"] if "made elsewhere" in n)
+    assert "sources was 164510d15e8e, is " in note
 
 
 def test_its_series_goes_on(made: Path, capsys: pytest.CaptureFixture[str]) -> None:

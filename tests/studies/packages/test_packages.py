@@ -65,12 +65,18 @@ def files_of(path: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize("named", ["runs.csv", "."])
-def test_a_campaigns_table_may_have_a_series_name(named: str, tmp_path: Path) -> None:
+def test_a_campaigns_table_may_have_a_series_name(
+    named: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     words = ["foraging", "--robots", "2", "--runs", "1", "--duration", "1"]
     assert cli.main(["sim", *words, "-o", str(tmp_path / "runs.csv")]) == 0
     target = tmp_path / "out" / "walks.zip"
     target.parent.mkdir()
-    assert cli.main(["pack", str(tmp_path / named), "-o", str(target), "--no-report"]) == 0
+    capsys.readouterr()
+    assert (
+        cli.main(["pack", str(tmp_path / named), "-o", str(target), "--no-report", "--json"]) == 0
+    )
+    assert json.loads(capsys.readouterr().out)["lacks"] == [], "simulated again, not recorded"
     assert any("/sources-" in name for name in files_of(target)), "what it was made from"
     assert cli.main(["reproduce", str(target), "-o", str(tmp_path / "again")]) == 0
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import replace
+from dataclasses import astuple, replace
 from pathlib import Path
 
 import pytest
@@ -14,7 +14,7 @@ from vsense.run.runs_csv import RunRow
 from vsense.run.verdict import VoidCriteria
 from vsense.studies.series._folder import differences
 from vsense.studies.series._order import CUT, VoidLimit, cells, count_valid, duplicates, pending
-from vsense.studies.series._plan import SeriesPlan, read
+from vsense.studies.series._plan import RobotRules, SeriesPlan, read
 
 TEXT = """
 name = "gradient"
@@ -70,6 +70,7 @@ def test_a_plan_is_read(tmp_path: Path) -> None:
     assert plan.starts[1].places.poses[0] == pytest.approx((0.5, -0.5, math.pi / 2))
     assert plan.runs == 12
     assert plan.void == VoidCriteria(lost_s=5.0)
+    assert astuple(RobotRules()) == (0.0, None, 60.0, True, False), "as the page says"
 
 
 @pytest.mark.parametrize(
