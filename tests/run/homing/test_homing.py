@@ -14,9 +14,10 @@ from vsense.base.arena import POSE, ArenaState
 from vsense.config.specs import Pose
 from vsense.robots.link.table import STAY, Goal
 from vsense.run.homing import _traffic
+from vsense.run.homing import floor as floor_module
 from vsense.run.homing._homing import Homing
 from vsense.run.homing.floor import DrivingFloor
-from vsense.run.homing.robots import HomingLimits, Trouble
+from vsense.run.homing.robots import MIN_GAP_M, HomingLimits, Trouble
 from vsense.world.entities import Arena
 from vsense.world.robot_models import EPUCK
 
@@ -215,3 +216,58 @@ def test_a_home_that_is_taken_goes_to_nobody_who_could_have_another() -> None:
     dead = {1: Pose(0.0, 0.3, 0.0), 2: Pose(0.5, 0.0, 0.0)}
     planned.step(state(0, dead), {2: Trouble.NO_LINK})
     assert planned.robots[1].home == homes[2]
+
+
+@pytest.mark.parametrize("gap_m", [0.5, 1.5])
+def test_a_home_beside_which_somebody_stands_for_good_is_taken(gap_m: float) -> None:
+    """By the least gap between two bodies: at half of it there is no room, at 1.5 there is."""
+    away_m = 2.0 * EPUCK.radius_m + gap_m * MIN_GAP_M
+    homes = {1: Pose(0.5, 0.0, 0.0), 2: Pose(-0.5, 0.0, 0.0)}
+    planned = homing(homes)
+    planned.step(
+        state(0, {1: Pose(0.0, 0.3, 0.0), 2: Pose(0.5, away_m, 0.0)}), {2: Trouble.NO_LINK}
+    )
+    assert planned.robots[1].home == homes[2 if gap_m < 1.0 else 1]
+
+
+def test_clearance_is_the_distance_from_the_nearest_disc_or_wall() -> None:
+    discs = np.array([[0.4, -0.3, 0.1], [-0.6, 0.2, 0.05]])
+    points = np.array([(0.1, 0.1), (0.4, -0.3), (-0.6, 0.5), (0.95, 0.0)])
+    free_m = DrivingFloor(ARENA).clearance_m(points, discs)
+    assert free_m == pytest.approx([0.4, -0.1, 0.25, 0.05])
+
+
+def test_ways_go_from_each_cell_to_one_beside_it() -> None:
+    toll = [[1.0] * 5 for _ in range(4)]
+    for column in range(3):
+        toll[column][2] = math.inf
+    cells = floor_module._a_star(toll, (0, 0), (0, 4))
+    assert cells is not None and (cells[0], cells[-1]) == ((0, 0), (0, 4))
+    assert all(max(abs(a - c), abs(b - d)) == 1 for (a, b), (c, d) in pairwise(cells))
+    assert math.inf not in {toll[i][j] for i, j in cells}
+
+
+def traffic(x_m: float, heading: float) -> _traffic.Traffic:
+    """A robot that drives along x to a place a metre ahead, and one that stands on its way."""
+    return _traffic.Traffic(
+        poses=np.array([[0.0, 0.0, 0.0], [x_m, 0.0, 0.0]]),
+        moves=np.array([True, False]),
+        targets=np.array([[1.0, 0.0], [x_m, 0.0]]),
+        speeds=np.array([0.12, 0.0]),
+        reach_m=np.array([1.0, 0.0]),
+        order=[0, 1],
+        apart_m=np.full((2, 2), 2.0 * EPUCK.radius_m + 0.005),
+        room_m=np.full(2, EPUCK.radius_m),
+        headings=np.array([heading, 0.0]),
+        driven=np.array([0.1, 0.0]),
+    )
+
+
+@pytest.mark.parametrize("heading", [0.6, -0.6])
+def test_a_robot_passes_who_stands_in_its_way_on_the_side_that_it_has_begun(heading: float) -> None:
+    floor = DrivingFloor(Arena((4.0, 4.0, 1.0), (0.0, 0.0, 0.0)))
+    blocked = _traffic.decide(traffic(0.14, heading), floor)
+    assert not blocked.wanted[0] and blocked.speeds[0] > 0.0
+    assert 0.2 < math.copysign(1.0, heading) * blocked.headings[0] < 1.6
+    free = _traffic.decide(traffic(-0.5, 0.0), floor)
+    assert free.wanted[0] and free.headings[0] == pytest.approx(0.0)
