@@ -61,7 +61,9 @@ def server(events: Events) -> Iterator[MixedServer]:
     )
     made.start()
     yield made
+    legacy = made._legacy
     made.close()
+    assert legacy is not None and not legacy._thread.is_alive()
 
 
 def readings(pollutant: float, x_m: float) -> ReadingValues:
