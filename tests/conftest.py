@@ -150,7 +150,7 @@ def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def shared_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """A cache of builds that all workers of this session have in common: `$XDG_CACHE_HOME`.
 
-    Who starts many sessions of the same sources names one for all of them.
+    `VSENSE_TEST_BUILDS` names one for several sessions of the same sources.
     """
     named = os.environ.get("VSENSE_TEST_BUILDS")
     cache = Path(named) if named else shared_folder("builds", tmp_path_factory)

@@ -224,9 +224,9 @@ def _alias(name: str, new: str, warns: bool) -> "ModuleSpec":
 
     known = os.environ.get(_WARNED, "").split()
     if warns and name not in known:
-        os.environ[_WARNED] = " ".join([*known, name])
         text = f"{name} is {new} now; the old name ends with vsense {_ENDS}"
         warnings.warn(text, FutureWarning, stacklevel=3)
+        os.environ[_WARNED] = " ".join([*known, name])
     return ModuleSpec(name, _Alias(new))  # type: ignore[arg-type]
 
 

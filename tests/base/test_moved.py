@@ -36,7 +36,7 @@ print(json.dumps([new, warned, specs]))
 
 @pytest.fixture(autouse=True)
 def nobody_has_warned(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(_moved._WARNED, raising=False)
+    monkeypatch.setenv(_moved._WARNED, "")
 
 
 def test_every_old_name_gives_the_module_and_warns_once() -> None:
@@ -94,6 +94,17 @@ def test_a_process_that_is_started_warns_of_no_name_again() -> None:
     )
     done = subprocess.run([sys.executable, "-c", outer], capture_output=True, text=True, check=True)
     assert re.findall(r"FutureWarning: (\S+) is", done.stderr) == ["vsense.sensors", "vsense.xml"]
+
+
+def test_where_a_warning_is_an_error_each_import_raises_it() -> None:
+    code = """
+import pytest
+for _ in range(2):
+    with pytest.raises(FutureWarning):
+        import vsense.xml
+"""
+    words = [sys.executable, "-W", "error::FutureWarning", "-c", code]
+    subprocess.run(words, check=True, capture_output=True)
 
 
 def test_a_name_that_never_was_is_told_as_ever() -> None:

@@ -119,3 +119,10 @@ def test_a_medium_decides_whether_bodies_are_in_the_way(read_full: Read, full: s
     assert reach(full.replace(' check_occlusions="false"', "")) is not None
     own = full.replace('medium="rab" range="0.8"', 'medium="rab" check_occlusions="true" range="1"')
     assert reach(own) is not None
+
+
+def test_greys_are_grey_and_their_number_is_their_share_of_white() -> None:
+    greys = {name: colour for name, colour in NAMED.items() if name.startswith("gray")}
+    assert len(greys) == 9
+    for name, (red, green, blue) in greys.items():
+        assert red == green == blue == pytest.approx(2.55 * int(name[4:]), abs=0.6)

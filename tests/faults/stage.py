@@ -22,6 +22,7 @@ from tests.system.attacker import Attacker
 from vsense.base.clock import host_ns
 from vsense.config import experiment
 from vsense.modes.lab._microcontrollers import ACTUATION
+from vsense.modes.lab.hardware import MIXED, bases_of
 from vsense.monitor.ui import control_socket
 
 HERE = Path(__file__).parent
@@ -55,8 +56,8 @@ class Canary:
 
     def begin(self) -> None:
         """What was before counts no longer."""
-        self.worst_s, self._begun_s = 0.0, time.monotonic()
         self._ours, self._before = self._family(), processor_times()
+        self.worst_s, self._begun_s = 0.0, time.monotonic()
 
     def busy(self) -> str:
         """Why what failed since `begin` may be the machine's fault; "" for a quiet one."""
@@ -106,6 +107,7 @@ class Stage:
 
     Attributes:
         tags: the robots' tags by place.
+        on_air: the places of robots without a board, which the lab reaches by its Wi-Fi.
         normal: the wheels' speeds as the controller sets them, and rest.
         restarted: daemons that the rig has started again.
     """
@@ -115,10 +117,12 @@ class Stage:
         self.folder = folder
         known = experiment.load(EXPERIMENT)
         self.tags = [robot.tag for robot in known.robots][:robots]
+        kinds = bases_of(MIXED, [""] * robots)
+        self.on_air = {place for place, kind in enumerate(kinds) if kind == "wifi"}
         self.restarted: list[subprocess.Popen[bytes]] = []
         self._rows: NDArray[np.void] = np.empty(0, ACTUATION)
         self._read_bytes = 0
-        words = ("--robots", str(robots), "--seed", str(seed), "--base", "mixed")
+        words = ("--robots", str(robots), "--seed", str(seed), "--base", MIXED)
         self.lab = Lab(
             *(folder / "run", str(EXPERIMENT), *words, "--record", "--json"),
             module="tests.faults.lab",

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Collection
 from types import SimpleNamespace
 from typing import Any
 
@@ -36,13 +37,17 @@ def test_six_faults_break_no_promise() -> None:
 
 
 def verdict(
-    rows: list[tuple[int, tuple[int, int]]], said: str = "", **promises: Any
+    rows: list[tuple[int, tuple[int, int]]],
+    said: str = "",
+    on_air: Collection[int] = (),
+    **promises: Any,
 ) -> tuple[int, int, list[str]]:
     """Judges one robot whose wheels were told these speeds at these times [ms]."""
     log = np.array([(at * MS, 0, *speeds, 0) for at, speeds in rows], ACTUATION)
     stage: Any = SimpleNamespace(
         places=range(1),
         tags=[31],
+        on_air=on_air,
         normal={GOES, STANDS},
         rows=lambda place: log,
         lab=SimpleNamespace(said=["before\n", said]),
@@ -81,6 +86,18 @@ def test_the_judge(rows: Any, said: str, promises: dict[str, Any], words: str) -
 
 
 @pytest.mark.quick
+@pytest.mark.parametrize(
+    ("stands_ms", "by_cable", "by_air"), [(440, 0, 0), (530, 1, 0), (570, 1, 1)]
+)
+def test_a_robot_without_a_board_has_the_air_s_time_too(
+    stands_ms: int, by_cable: int, by_air: int
+) -> None:
+    rows = [(0, GOES), (1000 + stands_ms, STANDS), (2500, GOES)]
+    broken = [len(verdict(rows, on_air=air, stops=[0])[2]) for air in ((), (0,))]
+    assert broken == [by_cable, by_air]
+
+
+@pytest.mark.quick
 def test_its_figures() -> None:
     assert verdict(STOPPED, stops=[0])[:2] == (400, 500)
 
@@ -106,6 +123,7 @@ def ended_lab(printed: str = '{"timesteps": 9}', rows: Any = (), left: Any = ())
     return SimpleNamespace(
         places=range(1),
         tags=[31],
+        on_air=(),
         restarted=left,
         rows=lambda: log,
         newest=lambda place: rows[-1][1] if rows else STANDS,

@@ -98,8 +98,7 @@ class Covered:
         self._files: dict[str, dict[int, list[str]]] = {}
 
     def tests_of(self, mutant: Mutant, text: str) -> list[str] | None:
-        """The tests that run a mutant's line: its folder's first, and of those the quickest; `text`
-        is its file's.
+        """The tests that run a mutant's line, the quickest first; `text` is its file's.
 
         Of a line that runs when its module is imported: those that run a function of the file, or
         a line with the name that it gives a value. None: the file has changed since.
@@ -112,18 +111,24 @@ class Covered:
         else:
             contexts = self._of(mutant.path, function)
         tests = {re.sub(r" \((?:setup|call|teardown)\)$", "", context) for context in contexts}
-        nearest = f"{Path('tests', *Path(mutant.path).parts[1:-1]).as_posix()}/"
-        known = tests & self._times_s.keys()
-        return sorted(known, key=lambda t: (not t.startswith(nearest), self._times_s[t], t))
+        return sorted(tests & self._times_s.keys(), key=lambda test: (self._times_s[test], test))
 
     def stages_of(self, mutant: Mutant, text: str) -> list[list[str]] | None:
-        """Those tests in parts, one after the other; None: the file has changed since."""
+        """Those of them that take `ALL_S` together, in parts one after the other: the tests of the
+        mutant's folder, then the others, each the quickest first; None: the file has changed.
+        """
         tests = self.tests_of(mutant, text)
         if tests is None:
             return None
-        ends_s = itertools.accumulate(self._times_s[test] for test in tests)
-        timed = [(end_s // PART_S, test) for end_s, test in zip(ends_s, tests) if end_s < ALL_S]
-        return [[test for _, test in part] for _, part in itertools.groupby(timed, lambda t: t[0])]
+        nearest = f"{Path('tests', *Path(mutant.path).parts[1:-1]).as_posix()}/"
+        chosen = [test for end_s, test in self._timed(tests) if end_s < ALL_S]
+        chosen.sort(key=lambda test: not test.startswith(nearest))
+        parts = itertools.groupby(self._timed(chosen), lambda timed: timed[0] // PART_S)
+        return [[test for _, test in part] for _, part in parts]
+
+    def _timed(self, tests: Sequence[str]) -> list[tuple[float, str]]:
+        """When each of these tests ends, one after the other [s]."""
+        return [*zip(itertools.accumulate(self._times_s[test] for test in tests), tests)]
 
     def _of(self, path: str, lines: range | None) -> set[str]:
         if path not in self._files:

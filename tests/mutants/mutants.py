@@ -30,10 +30,12 @@ from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 
+from tests.conftest import share_parts
 from tests.mutants.covered import Covered, measure
 from tests.rigs.places import ROOT
 
 FOLDERS = ("vsense", "c_src", "robot", "firmware_bridge")
+_LIBRARY = ("c_src", "c_src/host", "firmware_bridge")
 LIMIT_S = 240.0
 """Tests that take longer have failed: they may have met an endless loop."""
 
@@ -224,7 +226,10 @@ class Copy:
             (root / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(ROOT / name, root / name)
         (root / ".venv").symlink_to(ROOT / ".venv")
-        self._environment = os.environ | {"PYTHONPATH": str(root)}
+        self._cache, self._results = (Path(f"{root}-{name}") for name in ("cache", "results"))
+        share_parts(self._cache)
+        caches = dict.fromkeys(("XDG_CACHE_HOME", "VSENSE_TEST_BUILDS"), str(self._cache))
+        self._environment = os.environ | caches | {"PYTHONPATH": str(root)}
         self._changes = 0
         self._build_as_it_is()
 
@@ -233,15 +238,13 @@ class Copy:
         path = self.root / mutant.path
         text = path.read_text("utf-8")
         is_c = not mutant.path.endswith(".py")
-        in_library = is_c and not mutant.path.startswith("robot/")
+        in_library = is_c and path.parent in [self.root / folder for folder in _LIBRARY]
         if self._is_changed and not in_library:
             self._build_as_it_is()
-        # Programs of robots are built anew where the mutant is in them, or in what builds them.
+        # What builds robots' programs does not count as a source of them.
         is_built = is_c or path.is_relative_to(self.root / "vsense/robots")
-        builds = self._cache / ("mutant" if is_built else "all")
         if is_built:
-            shutil.rmtree(builds, ignore_errors=True)
-        self._environment["VSENSE_TEST_BUILDS"] = str(builds)
+            self._forget_builds()
         try:
             self._write(path, mutant.apply(text))
             if in_library:
@@ -252,12 +255,19 @@ class Copy:
             failed = next((s for s in stages if not self._passes(s)), None)
         finally:
             self._write(path, text)
+            if is_built:
+                self._forget_builds()
         if failed is None:
             return Verdict.SURVIVED
         if self._is_changed:
             self._build_as_it_is()
         # A busy machine or the time of day may have failed it, too.
         return Verdict.KILLED if self._passes(self._failed() or failed) else Verdict.UNJUDGED
+
+    def _forget_builds(self) -> None:
+        """Empties the caches of programs; what all programs share stays the user's."""
+        shutil.rmtree(self._cache, ignore_errors=True)
+        share_parts(self._cache)
 
     def _write(self, path: Path, text: str) -> None:
         """Writes a file at a time of its own: bytecode is known by its file's second and size."""
@@ -279,22 +289,18 @@ class Copy:
         command = [sys.executable, "setup.py", "build_ext", "--inplace", "--force"]
         return self._run(command, LIMIT_S) == 0
 
-    @property
-    def _cache(self) -> Path:
-        return self.root.with_name(f"{self.root.name}-cache")
-
     def _failed(self) -> list[str]:
-        """The test that failed last, or the file that could not be read; none, where the tests did
-        not come to an end."""
+        """Words for the test that failed last, or for the file that could not be read; none, where
+        the tests did not come to an end."""
         with suppress(FileNotFoundError):
-            failed = json.loads((self._cache / "pytest/v/cache/lastfailed").read_text("utf-8"))
-            return [name for name in failed if name]  # the session itself has none
+            failed = json.loads((self._results / "v/cache/lastfailed").read_text("utf-8"))
+            names = [name for name in failed if name]  # the session itself has none
+            return names if any("::" in name for name in names) else ["--collect-only", *names]
         return []
 
     def _passes(self, stage: Sequence[str]) -> bool:
-        folder = self._cache / "pytest"
-        shutil.rmtree(folder, ignore_errors=True)
-        options = ["-x", "-q", "-o", f"cache_dir={folder}", "--hypothesis-seed=0"]
+        shutil.rmtree(self._results, ignore_errors=True)
+        options = ["-x", "-q", "-o", f"cache_dir={self._results}", "--hypothesis-seed=0"]
         marks = ["-m", "not alone and not paced"]
         command = [sys.executable, "-m", "pytest", *options, *marks, *stage]
         return self._run(command, LIMIT_S) in (0, 5)  # 5: no test is there

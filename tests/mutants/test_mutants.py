@@ -123,6 +123,20 @@ def test_a_library_that_does_not_build_kills_nothing(
         try_all(draw(files(["vsense"]), 1, 1), jobs=1)
 
 
+def test_what_breaks_the_import_of_a_test_is_noticed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    texts = {
+        "setup.py": "",
+        "vsense/room/thing.py": "VALUE = 1 // (3 - 2)\n",
+        "tests/room/test_thing.py": "from vsense.room import thing\n\n"
+        "def test_it():\n    assert thing\n",
+    }
+    checkout(tmp_path, texts, monkeypatch)
+    drawn = [mutant for mutant in draw(files(["vsense"]), 9, 1) if mutant.old == "2"]
+    assert try_all(drawn, jobs=1) == [Verdict.KILLED], "3 - 3 divides by 0"
+
+
 def test_a_test_that_fails_without_a_change_kills_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -188,7 +202,7 @@ def test_only_the_tests_that_run_a_line_judge_it(
         "vsense/room/__init__.py": "",
         "vsense/room/thing.py": COVERED,
         "tests/room/test_thing.py": TESTED,
-        "tests/room/test_all.py": ALL,
+        "tests/other/test_all.py": ALL,
     }
     checkout(tmp_path, texts, monkeypatch)
     for name in ("mutants/covered.py", "rigs/places.py"):
@@ -198,7 +212,7 @@ def test_only_the_tests_that_run_a_line_judge_it(
     monkeypatch.setattr(covered_module, "FOLDER", tmp_path / "build/covered")
     with pytest.raises(FileNotFoundError):
         covered_module.Covered()
-    assert covered_module.measure(["tests/room"], 1) == 0
+    assert covered_module.measure(["tests/room", "tests/other"], 1) == 0
     found = covered_module.Covered()
 
     def tests_of(line: int, text: str = COVERED) -> set[str] | None:
@@ -212,5 +226,7 @@ def test_only_the_tests_that_run_a_line_judge_it(
     assert tests_of(14) == {"told"}, "in a process that the test has started"
     assert tests_of(1) == {"half[4]", "half[6]", "nothing", "told", "all"}
     assert tests_of(1, COVERED + "\n") is None
+    stages = found.stages_of(Mutant("vsense/room/thing.py", 9, 0, 0, "", ""), COVERED)
+    assert stages is not None and stages[-1][-1].endswith("::test_all"), "its folder's come first"
     drawn = [m for m in mutants("vsense/room/thing.py", COVERED) if m.line in (7, 9)]
     assert try_all(drawn, jobs=1) == [Verdict.SURVIVED] * 2 + [Verdict.KILLED] * 2

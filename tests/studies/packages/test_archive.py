@@ -211,6 +211,6 @@ def test_tables_are_compared_cell_by_cell() -> None:
 @pytest.mark.parametrize(("share", "names"), [(0.0, ["a.b", "a.n", "c[1]"]), (0.1, ["c[1]"])])
 def test_figures_may_differ_by_a_share_of_the_greater(share: float, names: list[str]) -> None:
     before = {"a": {"b": 1.0, "n": 20, "same": "x"}, "c": [1, "x"]}
-    now = {"a": {"b": 1.05, "n": 21, "same": "x"}, "c": [1, "y"]}
+    now = {"a": {"b": 1.05, "n": 22.1, "same": "x"}, "c": [1, "y"]}
     told = [words.partition(": ")[0] for words in _comparing.figures("", before, now, share)]
     assert told == names

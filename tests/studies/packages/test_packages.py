@@ -81,6 +81,19 @@ def test_a_campaigns_table_may_have_a_series_name(
     assert cli.main(["reproduce", str(target), "-o", str(tmp_path / "again")]) == 0
 
 
+def test_series_of_one_name_are_numbered(tmp_path: Path) -> None:
+    tables = [tmp_path / name / "results.csv" for name in "abc"]
+    tables[0].parent.mkdir()
+    words = ["foraging", "--robots", "1", "--runs", "1", "--duration", "1"]
+    assert cli.main(["sim", *words, "-o", str(tables[0])]) == 0
+    for name in "bc":
+        shutil.copytree(tmp_path / "a", tmp_path / name)
+    target = tmp_path / "all.zip"
+    assert cli.main(["pack", *map(str, tables), "-o", str(target), "--no-report"]) == 0
+    folders = {name.partition("/")[0] for name in files_of(target) if "/" in name}
+    assert folders == {"results", "results-2", "results-3"}
+
+
 def repacked(path: Path, into: Path, change: Callable[[str, bytes], bytes]) -> Path:
     """A package with other files, and checksums that are right."""
     files = {name: change(name, data) for name, data in files_of(path).items() if name != MANIFEST}

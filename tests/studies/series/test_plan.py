@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import astuple, replace
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -70,7 +70,8 @@ def test_a_plan_is_read(tmp_path: Path) -> None:
     assert plan.starts[1].places.poses[0] == pytest.approx((0.5, -0.5, math.pi / 2))
     assert plan.runs == 12
     assert plan.void == VoidCriteria(lost_s=5.0)
-    assert astuple(RobotRules()) == (0.0, None, 60.0, True, False), "as the page says"
+    rules = RobotRules(battery_v=0.0, least=None, ready_s=60.0, home=True, virtual_walls=False)
+    assert RobotRules() == rules
 
 
 @pytest.mark.parametrize(

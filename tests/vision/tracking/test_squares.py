@@ -13,8 +13,9 @@ from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers._dictionary import SquareFamily
 from vsense.vision.markers.families import FamilyError, load_family
 from vsense.vision.tracking._detector import ArrowDetector, SquareDetector, make_detector
+from vsense.vision.tracking._squares_edges import Sides
 from vsense.vision.tracking.arena_tracker import ArenaTracker
-from vsense.vision.tracking.squares import SQUARE, SquareFinder
+from vsense.vision.tracking.squares import SQUARE, SquareFinder, _distinct
 
 ARUCO = load_family("aruco_4x4_50")
 TAG36 = load_family("apriltag_36h11")
@@ -137,3 +138,17 @@ def test_two_markers_with_one_number_are_flagged_and_neither_is_followed() -> No
     arena.close()
     assert state.duplicates == (7,) and state.detected == 2
     assert state.robots["tag"].tolist() == [9]
+
+
+def test_of_fits_at_one_place_the_best_is_left_whatever_their_order() -> None:
+    square = 20.0 * np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
+    shifts = [(0.0, 0.0), (100.0, 0.0), (0.4, 0.3), (-0.4, 0.0), (0.0, 50.0)]
+    residuals = [0.3, 0.3, 0.1, 0.2, 0.4]
+    for order in (range(5), range(4, -1, -1), (2, 0, 4, 1, 3)):
+        corners = np.array([square + shifts[k] for k in order])
+        left = np.array([[residuals[k]] * 4 for k in order])
+        sides = Sides(corners, *(np.ones((5, 4)) for _ in range(3)), left, np.ones((5, 4)))
+        assert sorted(order[k] for k in _distinct(sides)) == [1, 2, 4]
+    larger = np.array([square, 1.2 * square - 2.0])
+    sides = Sides(larger, *(np.ones((2, 4)) for _ in range(5)))
+    assert _distinct(sides).tolist() == [0, 1], "one in the other is another one"
