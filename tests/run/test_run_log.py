@@ -33,6 +33,7 @@ def test_timesteps_are_kept_as_they_happen(tmp_path: Path) -> None:
 def test_words_are_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with RunLog(tmp_path) as log:
         log.say("all robots start")
+    assert log._log.closed
     text = (tmp_path / "log.txt").read_text()
     assert re.fullmatch(r"\d\d:\d\d:\d\d\.\d{3} all robots start\n", text)
     assert capsys.readouterr().err == "all robots start\n"

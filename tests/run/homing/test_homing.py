@@ -164,10 +164,10 @@ def test_the_planner_foretells_what_the_daemon_does() -> None:
 
 def test_ways_lead_around_tagged_objects_and_robots_that_do_not_play() -> None:
     """The polluter of the thesis stands in the arena, and spares may: bodies that nobody drives."""
-    planned = homing({1: Pose(0.5, 0.0, 0.0), 2: Pose(0.0, 0.5, 0.0)})
-    there = {1: Pose(-0.5, 0.0, 0.0), 2: Pose(0.0, 0.5, 0.0), 99: Pose(0.0, 0.0, 0.0)}
+    planned = homing({1: Pose(0.5, 0.0, 0.0), 2: Pose(-0.8, 0.8, 0.0)})
+    there = {1: Pose(-0.5, 0.0, 0.0), 2: Pose(-0.8, 0.8, 0.0), 99: Pose(0.0, 0.0, 0.0)}
     goals = planned.step(state(0, there), {})
-    assert set(goals) == {1, 2}
+    assert set(goals) == {1, 2} and planned.robots[1].way[-1] == (0.5, 0.0), "none is exchanged"
     way = [there[1][:2], *planned.robots[1].way]
     line = np.concatenate([np.linspace(*ends, 50) for ends in pairwise(way)])
     assert np.hypot(line[:, 0], line[:, 1]).min() > 2.0 * EPUCK.radius_m

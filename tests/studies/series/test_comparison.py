@@ -129,5 +129,7 @@ def test_a_row_of_panels_is_as_high_whatever_is_below() -> None:
     for rows in (1, 2, 4):
         measures = {f"m{number}": runs for number in range(rows * PANELS_IN_ROW)}
         heights.append(draw("it", [{"a.b": "1"}], measures).get_figheight())
+    more = [{"a.b": str(number)} for number in range(10)]
+    assert draw("it", more, {"m": runs * 10}).get_figheight() > heights[0] + 1.0
     first, second, fourth = heights
     assert second > first + 0.5 and fourth - second == pytest.approx(2.0 * (second - first))

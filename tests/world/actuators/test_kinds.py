@@ -15,7 +15,7 @@ from tests.world.actuators.conftest import ARENA, STEP_NS, element_of, world_of
 from vsense.base.arena import ArenaState
 from vsense.base.errors import ConfigError
 from vsense.config import devices
-from vsense.world.actuators import leds
+from vsense.world.actuators import leds, messages
 from vsense.world.actuators.bank import ActuatorBank
 from vsense.world.actuators.base import MountedActuator
 from vsense.world.sensors.base import Scope
@@ -70,6 +70,8 @@ def test_a_message_is_its_length_and_that_many_bytes(state: States, scope: Scope
     assert speak.actuator.layout == "4*u1"
     least = mounted('<virtual_range_and_bearing_actuator data_size="1"/>', scope)
     assert least.actuator.layout == "2*u1"
+    argos = messages.from_argos(element_of('<epuck_range_and_bearing data_size="1"/>'), scope)
+    assert argos.layout == "2*u1"
     act(world, state, speak, {7: b"\x02\x05\x06\x07", 3: b"\xff\x01\x02\x03"})
     assert world.messages["length"].tolist() == [2, 3], "no longer than there is room"
     assert world.messages["data"][:, :4].tolist() == [[5, 6, 0, 0], [1, 2, 3, 0]]
