@@ -179,9 +179,16 @@ def test_the_chosen_robot_shows_what_it_senses(served: Serve, opened: Open) -> N
     puppet, _, url = served(running())
     page = opened(url)
     page.until("vsense.arena.drawn.robots.length === 16")
-    tag = puppet.swarm.tags[4]
-    page.until(f"vsense.store.rows.has({tag})")
+    page.until(f"vsense.store.rows.has({puppet.swarm.tags[4]})")
     page.value("vsense.controls.setRefresh(false)")
+    # The one that is farthest from all others, which a click near to two could choose.
+    tag = page.value(
+        "(() => { const all = vsense.arena.drawn.robots;"
+        " const apart = (a, b) => Math.hypot(a.x_px - b.x_px, a.y_px - b.y_px);"
+        " const gap = (a) => Math.min(...all.filter((b) => b !== a).map((b) => apart(a, b)));"
+        " const robots = all.filter(({ tag }) => vsense.store.rows.has(tag));"
+        " return robots.sort((a, b) => gap(b) - gap(a))[0].tag; })()"
+    )
     for _ in range(20):  # a banner that comes or goes between the two lines moves the arena
         x, y = page.value(
             f"(() => {{ const r = vsense.arena.drawn.robots.find(r => r.tag === {tag});"
