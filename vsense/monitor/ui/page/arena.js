@@ -200,7 +200,8 @@ export class Arena {
    * @param {MouseEvent} event */
   #nearest(event) {
     const ratio = this.canvas.width / this.canvas.clientWidth;
-    const [x, y] = [event.offsetX * ratio, event.offsetY * ratio];
+    // Frozen pictures are stretched, where the panel has taken another shape since.
+    const [x, y] = [event.offsetX * ratio, (event.offsetY * this.canvas.height) / this.canvas.clientHeight];
     /** @type {number | null} */
     let best = null;
     let nearest = REACH_PX * ratio;
