@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
@@ -181,6 +182,20 @@ def test_missed_timestep_shows_the_one_before_and_a_short_run_shows_its_end(
     assert run_figure.draw(short, "short", "").shape[1] < 1000
     whole = make_run(experiment, range(100), 50)
     assert run_figure.draw(whole, "whole", "").shape[1] > 1800
+
+
+def test_a_moment_takes_no_more_memory_than_what_is_drawn_of_it(experiment: Experiment) -> None:
+    # Of a size that no other test has.
+    experiment = replace(experiment, arena=replace(experiment.arena, size_m=(3.1, 2.3, 1.0)))
+    world = make_world(experiment)
+    tracemalloc.start()
+    try:
+        snapshot = take_snapshot(world, experiment)
+        kept, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    rasters = [raster for raster in (snapshot.floor, *snapshot.fields) if raster is not None]
+    assert kept < sum(raster.nbytes for raster in rasters) + (100 << 10)
 
 
 def test_charts_show_the_cone_first_and_the_measures_after(experiment: Experiment) -> None:

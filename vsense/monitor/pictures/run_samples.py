@@ -9,7 +9,7 @@ import math
 from array import array
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import partial
 from itertools import compress
 from typing import TYPE_CHECKING, Any
 
@@ -160,7 +160,6 @@ def make_snapshot(
     )
 
 
-@lru_cache(maxsize=1)
 def grid(arena: Arena) -> tuple[Floats, tuple[int, int]]:
     """Middles of the drawing's pixels on the floor (n, 2), and its rows and columns."""
     size_x_m, size_y_m, _ = arena.size_m
