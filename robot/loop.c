@@ -338,8 +338,6 @@ int vs_loop_request(struct vs_loop *loop, const struct vs_instant *now,
     end_hold(loop, now);
     sensing = !loop->acting && now->base_ns >= next_step_ns(loop);
     pinging = now->base_ns - loop->sent_ns >= VS_LOOP_PING_NS / 2; /* while awake anyway */
-    if (!(sensing || pinging || loop->acting || loop->hold_due || loop->ending))
-        return 0;
     if (!loop->acting)
         memset(request, 0, sizeof *request);
     if (loop->ending) {

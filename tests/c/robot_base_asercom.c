@@ -393,7 +393,8 @@ int main(int argc, char *argv[])
     test_wrong_mode(EPUCK_ASERCOM_EXTENSION, EPUCK_ASERCOM_BLUETOOTH, "turn its selector to 10");
     test_wrong_mode(EPUCK_ASERCOM_BLUETOOTH, EPUCK_ASERCOM_EXTENSION, "mode=extension");
     test_wrong_mode(EPUCK_ASERCOM_BLUETOOTH_GROUND, EPUCK_ASERCOM_BLUETOOTH, "no ground sensors");
-    test_wrong_mode(EPUCK_ASERCOM_BLUETOOTH_GROUND, EPUCK_ASERCOM_EPUCK2_GROUND, "=epuck2");
-    test_wrong_mode(EPUCK_ASERCOM_EPUCK2, EPUCK_ASERCOM_BLUETOOTH, "expected model=epuck");
+    test_wrong_mode(EPUCK_ASERCOM_BLUETOOTH_GROUND, EPUCK_ASERCOM_EPUCK2_GROUND,
+                    "it is an e-puck2:");
+    test_wrong_mode(EPUCK_ASERCOM_EPUCK2, EPUCK_ASERCOM_BLUETOOTH, "it is an e-puck:");
     return 0;
 }

@@ -70,8 +70,10 @@ static void test_ground(void)
     CHECK(exchange(&w) == VS_OK && w.reading.boards.has[VS_BOARD_GROUND]);
     for (i = 0; i < 3; i++)
         CHECK(w.reading.boards.ground[i] == floors[i]);
+    CHECK(vs_boards_are_well(&w.base.boards));
     w.ground.ground[1] = 1024; /* no sensor says that */
     CHECK(exchange(&w) == VS_OK && !w.reading.boards.has[VS_BOARD_GROUND]);
+    CHECK(!vs_boards_are_well(&w.base.boards));
 }
 
 static struct epuck_rab_message make_message(uint32_t number, uint8_t bytes)

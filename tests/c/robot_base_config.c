@@ -76,6 +76,9 @@ static void test_bad(void)
         CHECK_FOR(options[i], configure(&config, options[i]) == -1);
         CHECK_FOR(options[i], strstr(expected, "rab_k=CM") != NULL);
     }
+    CHECK(strstr(expected, "after argos:DEVICE only ground=BUS, rab=BUS") != NULL);
+    CHECK(configure(&config, "york:/x,model=epuck3") == -1);
+    CHECK(strstr(expected, "after york:DEVICE only model=epuck|epuck2, ground=BUS") != NULL);
     CHECK(configure(&config, "york:") == -1 && strstr(expected, "york:/dev/i2c-12") != NULL);
     CHECK(configure(&config, "argos:,ground=/x") == -1);
     memset(text, 'x', sizeof text);

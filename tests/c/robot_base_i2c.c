@@ -279,9 +279,11 @@ static void test_york_negative_proximity(void)
     bus_begin(&w, &vs_base_york, 15);
     w.body->inputs.prox[3] = -4;
     w.body->inputs.prox[4] = -4095;
+    w.body->inputs.prox[6] = 4095;
     find(&w);
     for (i = 0; i < 5; i++)
         CHECK(bus_exchange(&w, 0, 0, 0) == VS_OK);
+    CHECK(w.reading.prox[6] == 4095);
     CHECK(w.reading.prox[3] == 0 && w.reading.prox[4] == 0 && w.reading.prox[5] == 507);
     w.body->inputs.prox[3] = -4096; /* no converter of 12 bits says that */
     CHECK(bus_exchange(&w, 0, 0, 0) == VS_ERR_BUSY);

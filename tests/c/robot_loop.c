@@ -440,7 +440,6 @@ static void test_actuators_end_with_their_experiment(void)
     CHECK(w.loop.robot.actuators[0] == 0);
 }
 
-/* The controller wants 2000 steps/s: it gets what its robot's motors can do. */
 /* A robot that runs, whose worker has just asked the guard for a sign of life. */
 static void ping(struct world *w)
 {
@@ -495,6 +494,7 @@ static void test_a_base_that_is_read_early_wakes_nobody(void)
     CHECK(!vs_loop_is_patient(&w.loop, &w.now));
 }
 
+/* The controller wants 2000 steps/s: it gets what its robot's motors can do. */
 static void test_speed_limit_is_the_base_s(void)
 {
     static const int16_t limits[2][2] = {{0, 1000}, {1100, 1100}};
@@ -508,6 +508,28 @@ static void test_speed_limit_is_the_base_s(void)
         wish(&w, VS_RUN);
         good_host(&w, 1000 * MS);
         CHECK(w.base.left_steps_s == limits[i][1] && w.base.right_steps_s == -300);
+    }
+}
+
+/* A step counts as late where the last one began more than one and a half timesteps before. */
+static void test_late_steps_are_counted(void)
+{
+    static const int gaps_ms[] = {110, 149, 151, 250};
+    struct vs_guard_request request;
+    struct world w;
+    size_t i;
+
+    for (i = 0; i < sizeof gaps_ms / sizeof gaps_ms[0]; i++) {
+        begin(&w, 13);
+        open_session(&w);
+        wish(&w, VS_RUN);
+        good_host(&w, 1040 * MS);
+        while (w.loop.waiting || w.loop.timestep_new)
+            live(&w);
+        CHECK(w.loop.overruns == 0);
+        w.now.base_ns = w.loop.step_ns + (uint64_t)gaps_ms[i] * MS;
+        CHECK(vs_loop_request(&w.loop, &w.now, &request) && request.kind == VS_GUARD_SENSE);
+        CHECK(w.loop.overruns == (gaps_ms[i] > 150));
     }
 }
 
@@ -557,6 +579,7 @@ int main(int argc, char *argv[])
     test_ping_delays_no_step();
     test_a_base_that_is_read_early_wakes_nobody();
     test_speed_limit_is_the_base_s();
+    test_late_steps_are_counted();
     test_raw_readings_are_those_of_the_base_until_the_run_ends();
     for (seed = 1; seed <= lives; seed++) {
         test_random_life(seed, TIMESTEP_NS, seed % 2 ? 0 : 40);

@@ -28,9 +28,9 @@ static char fed[16];
 static size_t count;
 static char said[400];
 
-static int fake_open(const char *path)
+static int fake_open(const char *path, int flags)
 {
-    CHECK(strcmp(path, "/dev/watchdog") == 0);
+    CHECK(strcmp(path, "/dev/watchdog") == 0 && flags == (O_WRONLY | O_NONBLOCK));
     errno = fake_error;
     return fake_error != 0 ? -1 : DEVICE_FD;
 }
@@ -84,7 +84,7 @@ const char *vs_trouble(int number)
     return text;
 }
 
-#define open(path, flags) fake_open(path)
+#define open(path, flags) fake_open(path, flags)
 #define write(fd, byte, len) fake_write(fd, byte)
 #define ioctl(fd, request, argument) ((void)(fd), fake_ioctl((unsigned long)(request), argument))
 #define close(fd) ((void)(fd), closed++)

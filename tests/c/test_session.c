@@ -409,6 +409,37 @@ static void test_an_end_that_anybody_may_have_made_ends_nothing(void)
 }
 
 /* Both with the right keys: one sends what is too far ahead, and the other goes on hearing. */
+static void test_nothing_is_left_of_what_was_there_before(void)
+{
+    struct vs_session s;
+
+    memset(&s, 0xA5, sizeof s);
+    robot_init(&s);
+    CHECK(s.params[0] == '\0' && !s.open && s.run == 0 && s.wanted == 0);
+}
+
+/* The host would refuse a text of two lines, and the goodbye with it. */
+static void test_what_a_goodbye_says_is_one_line_that_fits(void)
+{
+    char text[VS_TEXT_MAX + 2];
+    uint8_t packet[VS_PACKET_MAX];
+    struct vs_session s;
+    struct host host;
+    int err;
+
+    host_init(&host);
+    robot_with_key(&s, 1);
+    CHECK(vs_session_goodbye(&s, VS_BYE_END, "over") == VS_ERR_STATE);
+    CHECK(take(&s, packet, give_welcome(&host, &s, 7, packet, 1), &err) == VS_EV_OPEN);
+    CHECK(vs_session_goodbye(&s, VS_BYE_END, "over\nand out") == VS_OK);
+    CHECK(strcmp(s.notice.text, "over") == 0);
+    memset(text, 'x', sizeof text - 1);
+    text[sizeof text - 1] = '\0';
+    memcpy(text + VS_TEXT_MAX - 1, "\xC3\xA9", 2); /* the cut halves it */
+    CHECK(vs_session_goodbye(&s, VS_BYE_END, text) == VS_OK);
+    CHECK(strlen(s.notice.text) == VS_TEXT_MAX - 1);
+}
+
 static void test_no_packet_makes_a_peer_deaf(void)
 {
     uint8_t packet[VS_PACKET_MAX];
@@ -439,6 +470,8 @@ int main(void)
     test_no_answer_fits_a_later_greeting();
     test_a_refusal_that_anybody_may_have_made_ends_nothing();
     test_an_end_that_anybody_may_have_made_ends_nothing();
+    test_nothing_is_left_of_what_was_there_before();
+    test_what_a_goodbye_says_is_one_line_that_fits();
     test_no_packet_makes_a_peer_deaf();
     test_any_chunking_gives_the_same_events();
     test_mutilated_packets_do_no_harm();

@@ -340,6 +340,8 @@ def test_messages_are_read_register_by_register(said: Any, size: int) -> None:
 def test_a_bearing_beyond_pi_is_no_bearing() -> None:
     read = ffi.new("struct epuck_rab_message *")
     assert lib.epuck_rab_get(bytes([0, 0, 0x80, 0x00, 0, 0]), 2, read) == -1
+    for bearing, result in ((31416, 0), (31417, -1), (-31416, 0), (-31417, -1)):
+        assert lib.epuck_rab_get(struct.pack(">2xhxx", bearing), 2, read) == result
     assert lib.epuck_rab_get(bytes([0, 0, 0xC2, 0xF0, 0, 0]), 2, read) == 0
     assert read.bearing_e4rad == -15632, "signed: to the right"
 
@@ -370,6 +372,9 @@ def test_a_wifi_command_is_what_the_stand_in_of_webots_reads() -> None:
     back = ffi.new("struct epuck_wifi_command *")
     assert lib.epuck_wifi_get_command(packet, back) == 0
     assert bytes(ffi.buffer(back)) == bytes(ffi.buffer(command))
+    command.leds = 1 << 2 | 1 << 9
+    lib.epuck_wifi_put_command(command, packet)
+    assert packet[7] == 0x02 | 0x20
 
 
 def test_wifi_sensors_are_where_both_programs_have_them() -> None:

@@ -163,10 +163,16 @@ def test_framing_is_bounded(data: bytes) -> None:
         assert length is None or 72 <= length <= PACKET_MAX
 
 
-def test_a_wrong_first_byte_is_refused_at_once() -> None:
+@pytest.mark.parametrize(
+    ("begin", "name"),
+    [(b"G", "VS_ERR_MAGIC"), (b"VG", "VS_ERR_MAGIC"), (b"VS\2", "VS_ERR_VERSION"),
+     (b"VS\3\0", "VS_ERR_TYPE")],
+)  # fmt: skip
+def test_a_wrong_byte_is_refused_as_soon_as_it_is_there(begin: bytes, name: str) -> None:
     with pytest.raises(WireError) as caught:
-        packet_length(b"G")
-    assert caught.value.name == "VS_ERR_MAGIC"
+        packet_length(begin)
+    assert caught.value.name == name
+    assert packet_length(begin[:-1]) is None
 
 
 @pytest.mark.parametrize(
