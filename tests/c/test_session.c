@@ -440,6 +440,26 @@ static void test_what_a_goodbye_says_is_one_line_that_fits(void)
     CHECK(strlen(s.notice.text) == VS_TEXT_MAX - 1);
 }
 
+/* Its field ends after 71 minutes. */
+static void test_an_echo_that_was_held_too_long_is_none(void)
+{
+    const uint64_t most_ns = UINT64_C(1000) * UINT32_MAX;
+    uint8_t packet[VS_PACKET_MAX];
+    struct vs_header header;
+    struct vs_session s;
+    struct host host;
+    int err;
+
+    host_init(&host);
+    robot_with_key(&s, 1);
+    CHECK(take(&s, packet, give_welcome(&host, &s, 7, packet, 1), &err) == VS_EV_OPEN);
+    vs_peer_stamp(&s.peer, s.peer.rx_ns + most_ns, &header);
+    CHECK(header.echo_ns == s.peer.rx_send_ns && header.echo_ns != 0);
+    CHECK(header.hold_us == UINT32_MAX);
+    vs_peer_stamp(&s.peer, s.peer.rx_ns + most_ns + 1000, &header);
+    CHECK(header.echo_ns == 0 && header.hold_us == 0);
+}
+
 static void test_no_packet_makes_a_peer_deaf(void)
 {
     uint8_t packet[VS_PACKET_MAX];
@@ -472,6 +492,7 @@ int main(void)
     test_an_end_that_anybody_may_have_made_ends_nothing();
     test_nothing_is_left_of_what_was_there_before();
     test_what_a_goodbye_says_is_one_line_that_fits();
+    test_an_echo_that_was_held_too_long_is_none();
     test_no_packet_makes_a_peer_deaf();
     test_any_chunking_gives_the_same_events();
     test_mutilated_packets_do_no_harm();

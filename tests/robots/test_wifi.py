@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
 
 import pytest
 
@@ -94,6 +96,16 @@ def test_an_address_that_is_none_is_refused(rigs: Rigs) -> None:
         one.wait_for(lambda d=daemon: d.process.poll() is not None, "its end")
         assert daemon.process.returncode == 1
         one.wait_for(lambda d=daemon: "cannot open the base" in d.said, "its reason")
+
+
+@pytest.mark.parametrize(("floor", "lamps"), [("yes", 0b11), ("no", 0b10)])
+def test_its_ground_sensors_are_read_where_it_has_them(
+    talker: Path, floor: str, lamps: int
+) -> None:
+    with closing(Rig(talker, kind="wifi", options=f",floor={floor}")) as one:
+        one.start()
+        one.run()
+        one.wait_for(lambda: one.applied[-1].leds & 0b11 == lamps, "a bright floor, if any")
 
 
 def test_nobody_at_its_address_is_told(rigs: Rigs) -> None:

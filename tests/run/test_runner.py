@@ -11,6 +11,7 @@ from vsense.base.errors import NoMorePictures, VsenseError
 from vsense.robots.link.status import RobotStatus
 from vsense.robots.link.trackers.client import TrackerEnded
 from vsense.robots.link.wire import Telemetry, Wanted
+from vsense.run import runner
 from vsense.run.control import State
 from vsense.run.homing._homing import Homing
 from vsense.run.homing.floor import DrivingFloor
@@ -87,6 +88,27 @@ def test_a_run_has_its_timesteps_and_ends(stage: Stage) -> None:
     stage.runner.stop()
     assert stage.done == ["start", "stop", "silence"]
     assert (stage.runner.counters.sent, stage.runner.counters.received) == (20, 20)
+
+
+@pytest.mark.parametrize("how", ["time", "interrupted", "emergency"])
+def test_robots_act_on_the_last_readings_unless_they_shall_stop_at_once(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch, how: str
+) -> None:
+    waits_s: list[float] = []
+
+    def at_once(length_s: float) -> float:
+        waits_s.append(length_s)
+        return 0.0
+
+    monkeypatch.setattr(runner, "real_s", at_once)
+    stage.runner.wait()
+    if how == "interrupted":
+        stage.interrupted.set()
+    elif how == "emergency":
+        stage.runner.control.give(Order(OrderKind.EMERGENCY, "Ada"))
+    assert len(list(stage.runner.timesteps())) == (5 if how == "time" else 0)
+    stage.runner.stop()
+    assert waits_s == ([0.1] if how == "time" else [])
 
 
 def test_without_a_length_it_goes_on_until_it_is_interrupted() -> None:
