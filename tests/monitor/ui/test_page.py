@@ -182,13 +182,17 @@ def test_the_chosen_robot_shows_what_it_senses(served: Serve, opened: Open) -> N
     tag = puppet.swarm.tags[4]
     page.until(f"vsense.store.rows.has({tag})")
     page.value("vsense.controls.setRefresh(false)")
-    # What is frozen is stretched, where the panel has taken another shape since.
     page.size(1366, 600)
+    # What is frozen takes another shape with its panel.
+    frozen = "(() => { const drawing = document.querySelector('#arena');"
+    page.until(
+        f"{frozen} return drawing.width * drawing.clientHeight ==="
+        " drawing.height * drawing.clientWidth; })()"
+    )
     x, y = page.value(
-        f"(() => {{ const r = vsense.arena.drawn.robots.find(r => r.tag === {tag});"
-        " const canvas = document.querySelector('#arena'), box = canvas.getBoundingClientRect();"
-        " const [across, down] = [box.width / canvas.width, box.height / canvas.height];"
-        " return [box.x + r.x_px * across, box.y + r.y_px * down]; })()"
+        f"{frozen} const r = vsense.arena.drawn.robots.find(r => r.tag === {tag});"
+        " const box = drawing.getBoundingClientRect(), scale = box.width / drawing.width;"
+        " return [box.x + r.x_px * scale, box.y + r.y_px * scale]; })()"
     )
     page.click_at(x, y)
     page.until(f"vsense.choice.tag === {tag}")

@@ -83,15 +83,16 @@ export class Arena {
     this.key = "";
   }
 
-  /** Draws where something that it shows is new; called once per frame of the screen. */
-  draw() {
+  /** Draws where something that it shows is new, or its size is; called once per frame of the screen.
+   * @param {boolean} refresh false: what is new is left alone */
+  draw(refresh) {
     const store = this.store;
     this.#takeShape(store.experiment?.arena.size_m);
     if (!this.canvas.clientWidth) return;
     const { arena = 0, world = 0, signals = 0, fields = 0, experiment = 0, readings = 0, robots = 0 } = store.changed;
     const resized = fit(this.canvas);
     const key = [arena, world, signals, fields, experiment, readings, robots, theme.version, this.selection.tag].join();
-    if (!resized && key === this.key) return;
+    if (!resized && (!refresh || key === this.key)) return;
     this.key = key;
     this.hint.hidden = Boolean(store.experiment);
     this.#paint(`${world} ${experiment}`);
@@ -200,8 +201,7 @@ export class Arena {
    * @param {MouseEvent} event */
   #nearest(event) {
     const ratio = this.canvas.width / this.canvas.clientWidth;
-    // Frozen pictures are stretched, where the panel has taken another shape since.
-    const [x, y] = [event.offsetX * ratio, (event.offsetY * this.canvas.height) / this.canvas.clientHeight];
+    const [x, y] = [event.offsetX * ratio, event.offsetY * ratio];
     /** @type {number | null} */
     let best = null;
     let nearest = REACH_PX * ratio;

@@ -68,19 +68,19 @@ class Cell {
 
   /** Decodes and draws the newest picture; those that come meanwhile are passed over.
    *  `overlayKey` changes with what lies over it, "" is nothing.
-   * @param {string} overlayKey @param {number | null} chosen */
-  async draw(overlayKey, chosen) {
+   * @param {string} overlayKey @param {number | null} chosen @param {boolean} refresh false: only its size */
+  async draw(overlayKey, chosen, refresh) {
     const picture = this.store.pictures.get(this.camera.id);
     const switched = Boolean(overlayKey) !== Boolean(this.#overlayKey) || chosen !== this.#chosen;
     // A world that changes in every timestep waits for the next picture, if there is one soon.
     const isDue = overlayKey !== this.#overlayKey && performance.now() - this.#painted > PAINT_MS;
     const resized = fit(this.canvas);
     const isAlone = Boolean(this.shown && !arenaOf(this.store, this.shown));
-    if ((resized || switched || isDue || isAlone !== this.#alone) && this.bitmap) {
+    if ((resized || (refresh && (switched || isDue || isAlone !== this.#alone))) && this.bitmap) {
       [this.#overlayKey, this.#chosen] = [overlayKey, chosen];
       this.#paint();
     }
-    if (!picture || picture.number === this.#number || this.#busy) return;
+    if (!refresh || !picture || picture.number === this.#number || this.#busy) return;
     this.#number = picture.number;
     this.#busy = true;
     [this.#overlayKey, this.#chosen] = [overlayKey, chosen];
@@ -242,8 +242,8 @@ export class Cameras {
     return this.panel.clientWidth ? [...this.cells.keys()] : [];
   }
 
-  /** Draws what is new; called once per frame of the screen. */
-  draw() {
+  /** For each frame of the screen. @param {boolean} refresh false: only what has a new size is drawn */
+  draw(refresh) {
     const { changed, experiment } = this.store;
     if (this.#experiment !== changed.experiment && experiment) {
       this.#experiment = changed.experiment;
@@ -252,7 +252,7 @@ export class Cameras {
     if (!this.panel.clientWidth) return;
     // What changes with time is drawn with the next picture.
     const overlayKey = this.overlay ? `world ${changed.world}` : "";
-    for (const cell of this.cells.values()) cell.draw(overlayKey, this.overlay ? this.selection.tag : null);
+    for (const cell of this.cells.values()) cell.draw(overlayKey, this.overlay ? this.selection.tag : null, refresh);
   }
 
   /** Renews words and figures; called a few times per second. */

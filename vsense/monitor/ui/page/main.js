@@ -102,10 +102,8 @@ function renderSoon() {
 /** Pictures, with every frame of the screen in which something is new. */
 function frame() {
   requestAnimationFrame(frame);
-  if (controls.refresh) {
-    safely(() => arena.draw());
-    safely(() => cameras.draw());
-  }
+  safely(() => arena.draw(controls.refresh));
+  safely(() => cameras.draw(controls.refresh));
   if (performance.now() - rendered >= RENDER_EVERY_MS) render();
 }
 
