@@ -110,6 +110,10 @@ def test_a_floor_is_found_where_argos_is_started(folder: Path) -> None:
     experiment = loaded(inner, PLAIN.replace("<cylinder", floor))
     assert experiment.floor is not None and experiment.floor.path is not None
     assert experiment.floor.path.samefile(picture)
+    assert "<floor> path: 'experiments/spot.png' is not there, " in told(experiment)
+    beside = loaded(inner, PLAIN.replace("<cylinder", floor.replace("experiments/", "")))
+    assert beside.floor is not None and beside.floor.path == picture
+    assert "is not there" not in told(beside)
 
 
 def test_what_argos_passes_over_is_told_and_strict_refuses_it(folder: Path) -> None:

@@ -65,6 +65,14 @@ def test_loop_functions_paint_at_a_resolution(read_beside: Callable[[str], Exper
     assert (experiment.floor.path, experiment.floor.pixels_per_m) == (None, 50.0)
 
 
+def test_the_picture_of_a_file_of_vsense_is_where_it_says(
+    tmp_path: Path, read_beside: Callable[[str], Experiment]
+) -> None:
+    picture(tmp_path / "floor.png", 3)
+    with pytest.raises(ConfigError, match="elsewhere/floor.png"):
+        read_beside(FLOOR.replace("floor.png", "elsewhere/floor.png"))
+
+
 def test_what_is_no_picture_is_refused_at_its_line(
     tmp_path: Path, read_beside: Callable[[str], Experiment]
 ) -> None:

@@ -133,6 +133,7 @@ def test_the_polluter_itself_is_not_counted(live: Living) -> None:
     environment = live("pollutant-moving", cone)
     assert environment.world.results["robots_in_cone"] == 1.0
     assert environment.end()["robots_in_cone_mean"] == 1.0
+    assert live("pollutant-moving", []).end()["robots_in_cone_mean"] == 0.0, "no timestep"
 
 
 def test_prey_is_caught_once_until_it_has_rested(live: Living) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from vsense.run.homing import _traffic
 from vsense.run.homing import floor as floor_module
 from vsense.run.homing._homing import Homing
 from vsense.run.homing.floor import DrivingFloor
-from vsense.run.homing.robots import MIN_GAP_M, HomingLimits, Trouble
+from vsense.run.homing.robots import MIN_GAP_M, HomingLimits, Traveller, Trouble
 from vsense.world.entities import Arena
 from vsense.world.robot_models import EPUCK
 
@@ -142,6 +143,27 @@ def test_a_blocked_robot_is_told_and_left_after_the_time() -> None:
         planned.step(state(number, {1: Pose(-0.5, 0.0, 0.0)}), {})
     assert planned.done and planned.arrivals()[0].trouble == "blocked"
     assert "blocked" in planned.news[0]
+
+
+def test_four_centimetres_nearer_are_progress_and_two_are_not() -> None:
+    for step_m, progresses in ((0.04, True), (0.02, False)):
+        one = Traveller(1, "a", Pose(0.0, 0.0, 0.0), Pose(0.0, 0.0, 0.0), best_ns=1)
+        one.pose = Pose(1.0, 0.0, 0.0)
+        assert one.progresses(1, 5)
+        one.pose = Pose(1.0 - step_m, 0.0, 0.0)
+        assert one.progresses(6, 5) == progresses
+
+
+def test_who_does_not_overlap_leaves_its_distance_and_no_more() -> None:
+    """Wherever it stands: as far as it is on each of ten steps, less the least distance."""
+    apart_m = np.full((3, 3), 0.2)
+    for gap_m, left_m in ((0.3, 0.1), (0.15, _traffic.OVERLAP_TOLERANCE_M)):
+        poses = np.array([(0.5, -0.5, 0.0), (0.5 + gap_m, -0.5, 0.0), (0.5, -0.5 - gap_m, 0.0)])
+        traffic = SimpleNamespace(poses=poses, apart_m=apart_m)
+        stay = np.repeat(poses[:, np.newaxis, :2], 10, axis=1)
+        gaps = _traffic._robot_gaps(traffic, 0, stay[:1], stay)  # type: ignore[arg-type]
+        assert gaps.shape == (1, 3, 10) and (gaps[0, 0] == math.inf).all()
+        assert gaps[0, 1:] == pytest.approx(np.full((2, 10), left_m))
 
 
 def test_a_pause_takes_nobodys_time() -> None:

@@ -13,7 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense.base.errors import VsenseError
-from vsense.studies.packages import _crate, _kinds, _places
+from vsense.base.message_bus import Message
+from vsense.studies.packages import _crate, _kinds, _places, _recordings
 from vsense.studies.packages._contents import PackageContents
 from vsense.studies.packages._crate import Person
 from vsense.studies.packages._places import (
@@ -53,6 +54,12 @@ def test_this_machine_is_not_named(monkeypatch: pytest.MonkeyPatch) -> None:
     assert Scrubber([]).text("run by ann on hopper, a grasshopper") == (
         "run by ann on HOST, a grasshopper"
     )
+
+
+def test_whose_run_a_recording_is_of_is_left_out() -> None:
+    for data in ({"user": "ann", "name": "x"}, {"state": "running"}):
+        scrubbed = _recordings._scrubbed(Message("/experiment", 7, data), Scrubber([]))
+        assert scrubbed.data == data | ({"user": None} if "user" in data else {})
 
 
 def test_an_experiments_paths_are_beside_it() -> None:
