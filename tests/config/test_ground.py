@@ -69,7 +69,7 @@ def test_the_picture_of_a_file_of_vsense_is_where_it_says(
     tmp_path: Path, read_beside: Callable[[str], Experiment]
 ) -> None:
     picture(tmp_path / "floor.png", 3)
-    with pytest.raises(ConfigError, match="elsewhere/floor.png"):
+    with pytest.raises(ConfigError, match=r"elsewhere/floor\.png"):
         read_beside(FLOOR.replace("floor.png", "elsewhere/floor.png"))
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -12,7 +14,10 @@ from vsense.config import roster
 from vsense.config.casting import Casting
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment, Stage
+from vsense.robots.compiling import BuildError
 from vsense.robots.link.status import RobotStatus
+from vsense.robots.link.table import ToldProgram
+from vsense.run import programs
 from vsense.run.cast import Cast, parts_of, played, recast, spares_for
 from vsense.run.control import Control, State
 from vsense.run.orders import Order, OrderError, OrderKind, read_pair
@@ -137,6 +142,29 @@ def test_only_between_runs() -> None:
 def test_what_is_no_pair_is_refused(said: object) -> None:
     with pytest.raises(ValueError, match=r"pair.*tags"):
         read_pair(said)
+
+
+def test_a_pair_is_any_two_tags() -> None:
+    assert read_pair([0, 65535]) == (0, 65535)
+
+
+@pytest.mark.parametrize(
+    ("is_argos", "is_policy", "name"),
+    [(True, False, "walk"), (False, True, "walk"), (False, False, "")],
+)
+def test_a_program_whose_source_has_no_name_is_called_as_its_file(
+    is_argos: bool, is_policy: bool, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def no_compiler() -> None:
+        raise BuildError("there is no compiler")
+
+    kinds = {"is_argos": is_argos, "is_policy": is_policy}
+    program = SimpleNamespace(sources=[], short_name="walk", **kinds)
+    monkeypatch.setattr(programs.build, "on_robots", lambda given: given)
+    monkeypatch.setattr(programs.build, "source_tree", no_compiler)
+    controller: Any = SimpleNamespace(id="ants", program=program)
+    experiment: Any = SimpleNamespace(controllers=[controller])
+    assert programs.told_programs(experiment) == {"ants": ToldProgram(name, "")}
 
 
 def test_who_played_is_told_with_uid_and_program_as_far_as_it_is_known(tmp_path: Path) -> None:

@@ -48,6 +48,12 @@ def test_what_makes_no_sense_is_said(said: object, says: str) -> None:
         Change.read(said)
 
 
+def test_numbers_are_read_up_to_a_bound() -> None:
+    assert Change.read({**MOVE, "x_m": -1e9}).x_m == -1e9
+    with pytest.raises(ValueError, match=r"x_m is -1000000001.0, .* at most 1e\+09"):
+        Change.read({**MOVE, "x_m": -1e9 - 1})
+
+
 def test_a_change_is_read_as_it_was_told() -> None:
     for said in (MOVE, {**NOISE, "value": 0.5}, {"kind": "remove", "name": "visitor 1"}):
         change = Change.read(said)

@@ -55,6 +55,7 @@ def test_everything_is_counted() -> None:
     ]
     assert shares == [[0.6, 1.0, 0.0], [1.0, 1.0, 1.0], [1.0, 0.0, 0.0]]
     assert [robot["battery_mv"] for robot in summary["per_robot"]] == [None, 3900, None]
+    assert [robot["power_saving"] for robot in summary["per_robot"]] == [None, None, None]
     assert summary["arena"]["seen_mean"] == 2.6
     assert summary["latency_ms"]["capture_to_arena"] == {"p50": 15.0, "p99": 15.0, "max": 15.0}
     assert summary["latency_ms"]["capture_to_sent"]["max"] == 20.0
@@ -112,6 +113,18 @@ def test_what_a_silence_leaves_out_is_late() -> None:
     assert summary["late_timesteps"] == 10, "of a second without states"
     (silence,) = summary["arena"]["silences"]
     assert silence == {"run_timestep": 5, "duration_s": 1.105}
+
+
+def test_late_and_left_out_timesteps_are_shares_of_those_that_were_due(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    stage = Stage(experiment(timesteps=5))
+    stage.connected = stage.seen = stage.tags
+    played(stage)
+    figures = Figures(stage.experiment)
+    monkeypatch.setattr(figures, "_counts", lambda ended: (40, 10, 4))
+    record = figures.record(stage.runner, (), {}, 0)
+    assert (record.late, record.left_out) == (0.25, 0.1)
 
 
 def test_an_interrupted_run_is_measured_up_to_there() -> None:

@@ -80,6 +80,7 @@ def test_the_worst_is_named_and_all_is_in_the_table() -> None:
     assert "-55" in text[1] and text[1].endswith("holds 100 ms")
     assert text[-2] == "the worst link: 9 c: not connected"
     assert text[-1] == "1 of 3 robots would hold the experiment"
+    assert "the worst" not in table([weak]), "there is one"
     asleep = judge(THERE, replace(GOOD, power_saving=True, gap_ms=60.0), 0.1)
     assert worst([good, asleep]) is asleep, "it holds, and something is to be done about it"
     told = as_json([good, weak], {"experiment": "foraging"})

@@ -182,6 +182,9 @@ def test_the_keys_of_a_session() -> None:
     known = {name: bytes.fromhex(text) for name, text in VECTORS["session"].items()}
     root, hello = known["root"], known["hello"]
     assert (uid_of(hello), decode(hello, root)[1]) == (believed(hello).uid, believed(hello))
+    for first in (known["welcome"], known["state"], known["telemetry"]):
+        with pytest.raises(WireError, match="first packet of a connection"):
+            uid_of(first)
     answer = answer_key(root, hello)
     for name in ("welcome", "refuse"):
         header, message = decode(known[name], answer)

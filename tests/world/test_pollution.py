@@ -118,6 +118,8 @@ def test_edge_distance_is_to_the_nearest_point_of_the_edge(
     cone: Cone, point: tuple[float, float]
 ) -> None:
     corners = cone.vertices()
+    (ax, ay), (bx, by) = corners[1:] - corners[0]
+    assert ax * by > ay * bx, "counter-clockwise"
     share = np.linspace(0, 1, 2001)[:, None]
     edge = np.concatenate([a + share * (b - a) for a, b in zip(corners, np.roll(corners, -1, 0))])
     nearest = np.linalg.norm(edge - point, axis=1).min()

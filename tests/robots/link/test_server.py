@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
-from tests.robots.link.rig import MS, TABLE, Frozen, MakeRobot, S, Server, reading
+from tests.robots.link.rig import MS, TABLE, Frozen, MakeRobot, S, Server, reading, works
 from tests.wire.robot_session import Event
 from vsense.base.native import WireError
 from vsense.robots.link.keys import INSECURE
@@ -202,6 +204,14 @@ def test_the_same_robot_takes_its_session_over(server: Server, robot: MakeRobot)
     server.wait("takeover", 1)
     server.server.publish(3, server.clock(), {})
     new.timestep(3)
+
+
+def test_who_ends_a_session_that_is_over_ends_no_other(server: Server, robot: MakeRobot) -> None:
+    one = robot(server, 1).join()
+    links: Any = server.server._network._links
+    links.dismiss(SimpleNamespace(tag=1), GoodbyeCause.END, "of an older session")
+    links.dismiss(SimpleNamespace(tag=2), GoodbyeCause.END, "it has none")
+    assert works(server, one, 3)
 
 
 def test_another_robot_with_the_same_tag_is_refused_and_both_sides_say_so(

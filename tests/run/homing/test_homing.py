@@ -12,6 +12,7 @@ import pytest
 
 from tests.bench.homing import HomingField
 from vsense.base.arena import POSE, ArenaState
+from vsense.config.experiment import load
 from vsense.config.specs import Pose
 from vsense.robots.link.table import STAY, Goal
 from vsense.run.homing import _traffic
@@ -122,6 +123,16 @@ def test_who_stays_unseen_is_left_where_it_was_and_named() -> None:
     assert {a.tag: a.trouble for a in planned.arrivals()} == {1: "", 2: "not seen", 3: "not seen"}
 
 
+def test_a_floor_knows_the_smallest_and_the_largest_of_its_robots() -> None:
+    whole = load("pollutant")
+    robots = [
+        replace(robot, model=replace(EPUCK, radius_m=radius_m))
+        for robot, radius_m in zip(whole.robots, (0.05, 0.17, 0.08))
+    ]
+    floor = DrivingFloor.of(replace(whole, robots=tuple(robots)))
+    assert (floor._smallest_m, floor._largest_m) == (0.05, 0.17)
+
+
 def test_ways_lead_around_walls_and_there_may_be_none() -> None:
     floor = DrivingFloor(ARENA, [WALL])
     way = floor.way((-0.5, 0.0), (0.5, 0.0), 0.05)
@@ -133,6 +144,21 @@ def test_ways_lead_around_walls_and_there_may_be_none() -> None:
     assert shortest_m <= length_m < 1.15 * shortest_m
     closed = DrivingFloor(ARENA, [(0.0, 0.0, 0.0, 0.04, 2.0)])
     assert closed.way((-0.5, 0.0), (0.5, 0.0), 0.05) is None
+
+
+def test_a_corner_that_is_reached_makes_way_for_the_next() -> None:
+    planned = homing({1: Pose(0.5, 0.5, 0.0)})
+    (robot,) = planned.robots.values()
+    robot.observe(Pose(0.0, 0.0, 0.0), 1)
+    nobody, now_ns = np.zeros((0, 3)), 2
+    # Other calls of a round plan anew.
+    planned._round, row = 1, 0
+    robot.best_m, robot.best_ns = robot.left_m, now_ns
+    robot.way = [(0.05, 0.0), (0.5, -0.1), (0.5, 0.5)]
+    planned._plan = lambda *_: None  # type: ignore[method-assign]
+    goal, speed_m_s = planned._target(robot, row, nobody, now_ns)
+    assert (goal, speed_m_s) == ((0.5, -0.1), _traffic.MAX_M_S)
+    assert robot.way == [(0.5, -0.1), (0.5, 0.5)]
 
 
 def test_a_blocked_robot_is_told_and_left_after_the_time() -> None:

@@ -6,6 +6,7 @@ import csv
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -17,6 +18,7 @@ from vsense.modes.sim.job import Job, Setup
 from vsense.modes.sim.outcome import Task
 from vsense.run.runs_csv import COLUMNS, RunRow, RunsFile
 from vsense.run.verdict import VoidCriteria
+from vsense.studies.series import campaign
 from vsense.studies.series._folder import CampaignTable
 from vsense.studies.series._order import CAMPAIGN, PlannedRun, cells, pending
 from vsense.studies.series._plan import Condition, PlannedStart, SeriesPlan
@@ -172,6 +174,13 @@ def test_another_campaigns_rows_are_refused_with_their_line(tmp_path: Path) -> N
     path.write_text(one + two.replace(",valid,", ",") + three)
     with pytest.raises(UsageError, match=r"r\.csv:2: 22 values.*23"):
         start(path)
+
+
+def test_rows_of_vsense_0_1_beside_which_nothing_is_kept_are_no_campaigns(tmp_path: Path) -> None:
+    rows = [SimpleNamespace(series="0123456789abcdef")]
+    table: Any = SimpleNamespace(path=tmp_path / "r.csv", rows=rows)
+    nothing: Any = None
+    assert campaign._name_before(nothing, {}, table) == ""
 
 
 def test_runs_with_other_measures_do_not_fit(tmp_path: Path) -> None:

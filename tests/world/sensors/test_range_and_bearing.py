@@ -8,10 +8,12 @@ import struct
 import numpy as np
 import pytest
 
-from tests.world.sensors.scenes import arena_state, mount, rows, sensor, world_of
+from tests.world.sensors.scenes import arena_state, element, mount, rows, sensor, world_of
 from vsense.base.errors import ConfigError
 from vsense.world.entities import VIRTUAL_TAG_MIN, Box, Cylinder, VirtualRobot
+from vsense.world.sensors import range_and_bearing
 from vsense.world.sensors.bank import SensorBank
+from vsense.world.sensors.base import Scope
 from vsense.world.world import World
 
 Message = tuple[float, ...]
@@ -152,6 +154,12 @@ def test_noise_moves_range_and_bearing_but_no_byte_and_no_empty_place() -> None:
     assert off.std() == pytest.approx(0.05, rel=0.2)
     assert (values[:, 3:5] == (200, 0)).all()
     assert not values[:, 5:].any()
+
+
+@pytest.mark.parametrize(("robots", "places"), [(1, 1), (2, 1), (3, 2), (9, 8)])
+def test_as_in_argos_a_robot_hears_each_other_one(robots: int, places: int) -> None:
+    xml = element("<epuck_range_and_bearing />")
+    assert range_and_bearing.from_argos(xml, Scope({}, 0, most=robots)).max_messages == places
 
 
 def test_layouts_and_wrong_attributes() -> None:
