@@ -22,6 +22,7 @@ import cv2
 import numpy as np
 
 from vsense.base.message_bus import Message
+from vsense.monitor.recording import DAMAGED
 from vsense.monitor.recording.form import PICTURE, ExperimentMessage
 from vsense.vision.cameras.camera import Camera, CameraError
 
@@ -72,7 +73,6 @@ _OWN = "pose", "battery"
 _BATTERY_UNKNOWN = dict.fromkeys(
     ("temperature", "current", "charge", "capacity", "design_capacity", "percentage"), math.nan
 )
-_DAMAGED = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError, CameraError)
 
 Fields = dict[str, Any]
 
@@ -115,7 +115,7 @@ class Ros2Converter:
             make = self._of_picture
         try:
             return [] if make is None else list(make(message, message.time_ns + self._shift_ns))
-        except _DAMAGED:
+        except (*DAMAGED, CameraError):
             return []
 
     def _of_experiment(self, message: Message, now_ns: int) -> Iterator[Ros2Message]:

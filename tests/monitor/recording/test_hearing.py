@@ -52,7 +52,9 @@ def experiment() -> Message:
         {"id": "c", "tags": [28], "sensors": [ground], "said_range_m": 0.2},
     ]
     robots = [{"tag": tag, "name": str(tag), "radius_m": 0.035} for tag in PLACES]
-    data = {"controllers": controllers, "robots": [{"tag": "damaged"}, *robots, {}]}
+    # No float holds such an integer, and JSON may have it.
+    damaged = [{"tag": "damaged"}, {"tag": 99, "radius_m": 10**400}]
+    data = {"controllers": controllers, "robots": [*damaged, *robots, {}]}
     return Message("/experiment", BEGIN_NS, data)
 
 

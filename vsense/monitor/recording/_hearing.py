@@ -14,6 +14,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from typing import Any, NamedTuple
 
+from vsense.monitor.recording import DAMAGED
 from vsense.monitor.recording.form import ExperimentMessage
 
 COLUMNS = ("timestep", "tag", "sender", "heard", "distance_m", "range_m", "bearing_rad", "age_s")
@@ -43,7 +44,7 @@ class Hearing:
         """Of damaged robots and controllers, and of those before `range_m` was said, none is."""
         self._radius_m: dict[int, float] = {}
         for row in experiment.robots:
-            with suppress(KeyError, TypeError, ValueError):
+            with suppress(*DAMAGED):
                 radius_m = float(row.get("radius_m") or experiment.body_radius_m or 0.0)
                 self._radius_m[int(row["tag"])] = radius_m
         self._controller_of = experiment.controller_of()
@@ -116,7 +117,7 @@ def _ears_of(controller: Mapping[str, Any]) -> _Ears | None:
     """None: it has no such sensor, or its recording does not say enough of it."""
     sensors = controller.get("sensors")
     for place, sensor in enumerate(sensors if isinstance(sensors, list) else []):
-        with suppress(KeyError, TypeError, ValueError, AttributeError, ZeroDivisionError):
+        with suppress(*DAMAGED, ZeroDivisionError):
             if sensor["name"] == SENSOR:
                 numbers = (int(sensor["count"]) - 1) // int(sensor["max_messages"])
                 return _Ears(place, numbers, float(sensor["range_m"]), float(sensor["view_rad"]))

@@ -21,7 +21,7 @@ from vsense.base.arena import Floats
 from vsense.base.message_bus import Message
 from vsense.monitor.pictures._scene import ArenaMoment, Senses
 from vsense.monitor.pictures.run_samples import WorldSnapshot, floor_raster, grid, make_snapshot
-from vsense.monitor.recording import IN_CONE, LIT_IN_CONE
+from vsense.monitor.recording import DAMAGED, IN_CONE, LIT_IN_CONE
 from vsense.monitor.recording.form import ExperimentMessage
 from vsense.monitor.recording.measures import count_swarm
 from vsense.robots.link.status import RING_LEDS
@@ -38,9 +38,6 @@ from vsense.world.entities import (
 )
 from vsense.world.fields import Floor
 from vsense.world.robot_models import EPUCK
-
-DAMAGED = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError, WorldError)
-"""What a damaged message raises."""
 
 _KINDS: dict[str, type[Entity]] = {
     "box": Box, "cylinder": Cylinder, "light": Light, "zone": Zone, "robot": VirtualRobot,
@@ -106,7 +103,7 @@ class RecordedScenes:
 
     def take(self, message: Message) -> None:
         """Takes one message, in the order of the recording."""
-        with suppress(*DAMAGED):
+        with suppress(*DAMAGED, WorldError):
             self._takers[message.topic](message.data)
 
     def moment(self) -> ArenaMoment | None:
@@ -271,7 +268,7 @@ def _arena_of(data: Mapping[str, Any]) -> Arena:
     try:
         size_x, size_y, size_z = (float(value) for value in data["size_m"])
         x, y, z = (float(value) for value in data["centre_m"])
-    except DAMAGED:
+    except (*DAMAGED, WorldError):
         raise ValueError("it has no arena") from None
     fits = all(0.0 < size <= _MOST_M for size in (size_x, size_y))
     if not fits or not all(math.isfinite(value) for value in (x, y, z, size_z)):
@@ -281,7 +278,7 @@ def _arena_of(data: Mapping[str, Any]) -> Arena:
 
 def _entity(data: Mapping[str, Any]) -> Entity | None:
     """A virtual thing; None for one of a kind that is not known, or damaged."""
-    with suppress(*DAMAGED):
+    with suppress(*DAMAGED, WorldError):
         kind: Any = _KINDS[data["kind"]]
         names = {field.name for field in fields_of(kind)}
         values = {n: tuple(v) if isinstance(v, list) else v for n, v in data.items() if n in names}
@@ -299,7 +296,7 @@ def _entity(data: Mapping[str, Any]) -> Entity | None:
 
 def _floor(floor: Mapping[str, Any] | None) -> Floor:
     """The floor; a plain white one where it is not told."""
-    with suppress(*DAMAGED):
+    with suppress(*DAMAGED, WorldError):
         if floor is not None:
             image = None
             if floor.get("png"):

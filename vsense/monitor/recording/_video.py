@@ -15,9 +15,9 @@ import numpy as np
 
 from vsense.base.errors import instead
 from vsense.base.message_bus import Message
-from vsense.monitor.recording import form
+from vsense.monitor.recording import DAMAGED, form
 from vsense.monitor.recording._film import Film, RecordedPicture
-from vsense.monitor.recording._scenes import DAMAGED, RecordedScenes
+from vsense.monitor.recording._scenes import RecordedScenes
 from vsense.monitor.recording._video_file import open_video
 from vsense.monitor.recording.form import ExperimentMessage, RecordingError
 from vsense.monitor.recording.reader import Recording

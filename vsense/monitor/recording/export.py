@@ -16,7 +16,7 @@ from vsense.base.errors import UsageError, failing_as, require
 from vsense.base.message_bus import Message
 from vsense.base.terminal import Console, Interruption
 from vsense.monitor import recording
-from vsense.monitor.recording import changes, form
+from vsense.monitor.recording import DAMAGED, changes, form
 from vsense.monitor.recording._hearing import COLUMNS as HEARD
 from vsense.monitor.recording._hearing import Hearing
 from vsense.monitor.recording.form import ExperimentMessage, RecordingError
@@ -278,7 +278,7 @@ class _Export:
             for table, make in rows[message.topic]:
                 try:
                     lines = [[time_s, *row] for row in make(message)]
-                except (KeyError, TypeError, ValueError, IndexError, AttributeError):
+                except DAMAGED:
                     continue
                 for row in lines:
                     write[table](row)

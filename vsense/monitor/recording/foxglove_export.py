@@ -15,6 +15,7 @@ from vsense.base.errors import failing_as
 from vsense.base.message_bus import Message
 from vsense.monitor.foxglove._layout import as_text, layout
 from vsense.monitor.foxglove.channels import Channels
+from vsense.monitor.recording import DAMAGED
 from vsense.monitor.recording.form import PICTURE, ExperimentMessage, RecordingError
 from vsense.monitor.recording.reader import Recording
 from vsense.monitor.recording.writer import RecordingWriter
@@ -92,9 +93,9 @@ def _layout(recording: Recording) -> dict[str, Any]:
     cameras = [str(c["id"]) for c in experiment.cameras if isinstance(c, dict) and "id" in c]
     fields: list[str] = []
     sizes: list[float] = []
-    with suppress(KeyError, TypeError, ValueError):
+    with suppress(*DAMAGED):
         newest = recording.newest({"/fields"})
         fields = [str(row["id"]) for row in newest["/fields"].data["fields"]]
-    with suppress(KeyError, TypeError, ValueError):
+    with suppress(*DAMAGED):
         sizes = [float(side) for side in (experiment.arena or {})["size_m"][:2]]
     return layout(cameras, fields, max(sizes, default=3.0))

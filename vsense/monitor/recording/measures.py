@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vsense.base.message_bus import Message
-from vsense.monitor.recording import IN_CONE, LIT_IN_CONE
+from vsense.monitor.recording import DAMAGED, IN_CONE, LIT_IN_CONE
 from vsense.monitor.recording.form import Data, ExperimentMessage
 from vsense.robots.link.status import RING_LEDS
 from vsense.world.world import World
@@ -150,7 +150,7 @@ class RecordedMeasures:
     def take(self, message: Message) -> None:
         """Takes one message; one that is damaged is passed over."""
         data: Any = message.data
-        with suppress(KeyError, TypeError, ValueError, AttributeError, OverflowError):
+        with suppress(*DAMAGED):
             if message.topic == "/run":
                 self._run = int(data["run"])
             elif message.topic == "/robots":

@@ -29,6 +29,7 @@ from vsense.base.errors import VsenseError, failing_as
 from vsense.base.message_bus import Message
 from vsense.config.resources import DEFAULT_SPEED_M_S
 from vsense.config.tracking_session import EXPERIMENT_FILE, PICTURES_OF, RESOURCES_FILE
+from vsense.monitor.recording import DAMAGED
 from vsense.monitor.recording.form import ExperimentMessage
 from vsense.vision.cameras.camera import Camera, CameraError
 from vsense.vision.tracking.mask import Mask, MaskError, painted
@@ -327,11 +328,11 @@ class PicturePainter:
         self._left_out: set[tuple[str, Any]] = set()
         self._cameras: dict[str, Camera] = {}
         for camera in facts.cameras:
-            with suppress(KeyError, TypeError, ValueError, CameraError):
+            with suppress(*DAMAGED, CameraError):
                 self._cameras[camera["id"]] = Camera.from_json(json.dumps(camera["model"]))
         self._top_m = TOP_M
         self._mask: Mask | None = None
-        with suppress(KeyError, TypeError, ValueError, AttributeError, MaskError):
+        with suppress(*DAMAGED, MaskError):
             tops = (float(robot.get("height_m") or 0.0) for robot in facts.robots)
             self._top_m = max([TOP_M, *tops])
             size_m, centre_m = ((facts.arena or {})[name] for name in ("size_m", "centre_m"))

@@ -10,7 +10,7 @@ from typing import Any, BinaryIO
 from vsense.base.errors import failing_as
 from vsense.base.files import open_bytes
 from vsense.base.message_bus import Message
-from vsense.monitor.recording import _chunks, form
+from vsense.monitor.recording import DAMAGED, _chunks, form
 from vsense.monitor.recording._chunks import ChunkPlace, Contents, DamagedError, Raw, Topic, scan
 from vsense.monitor.recording.form import RecordingError, RunMessage
 
@@ -236,5 +236,5 @@ def read_gap(data: Mapping[str, Any]) -> Gap | None:
     try:
         times = int(data["from_ns"]), int(data["to_ns"])
         return Gap(*times, int(data["messages"]), int(data["pictures"]), str(data["why"]))
-    except (KeyError, TypeError, ValueError):
+    except DAMAGED:
         return None

@@ -25,7 +25,7 @@ from vsense.config.casting import Casting
 from vsense.config.experiment import first_robots, read
 from vsense.config.placement import StartPlaces, settle
 from vsense.config.specs import Experiment, Stage
-from vsense.monitor.recording import _senses, form
+from vsense.monitor.recording import DAMAGED, _senses, form
 from vsense.monitor.recording.form import ExperimentMessage, RecordingError
 from vsense.monitor.recording.reader import Recording
 from vsense.robots.link.table import Direction
@@ -136,7 +136,7 @@ class Resensing:
                 run_timestep = self._take(message)
                 if run_timestep is not None:
                     yield run_timestep
-        except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+        except DAMAGED as error:
             name = self._recording.path
             raise RecordingError(f"{name}: cannot be sensed again: {error!r}") from None
         if not self.comparison.timesteps:

@@ -17,7 +17,7 @@ import numpy as np
 
 from vsense.base.arena import ArenaState, Frame
 from vsense.base.message_bus import Message
-from vsense.monitor.recording import form
+from vsense.monitor.recording import DAMAGED, form
 from vsense.monitor.recording.form import RecordingError
 from vsense.monitor.recording.reader import Recording
 from vsense.vision.cameras.grabber import CameraEvent
@@ -172,7 +172,7 @@ class Retracking:
                 else:
                     yield from self._track(message)
             self.comparison.no_pictures += len(self._before)
-        except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+        except DAMAGED as error:
             name = self._recording.path
             raise RecordingError(f"{name}: cannot be tracked again: {error!r}") from None
         finally:

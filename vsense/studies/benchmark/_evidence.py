@@ -17,7 +17,7 @@ from vsense.base.errors import VsenseError, failing_as
 from vsense.base.files import parse_json, read_text
 from vsense.config.specs import Experiment
 from vsense.modes.sim.fingerprint import of_file
-from vsense.monitor.recording import MCAP, form
+from vsense.monitor.recording import DAMAGED, MCAP, form
 from vsense.monitor.recording.form import RecordingError
 from vsense.monitor.recording.reader import Recording, open_recording
 from vsense.monitor.recording.resense import arena_state
@@ -56,7 +56,7 @@ def recount(recording: Recording, experiment: Experiment, seed: int) -> dict[str
                 )
             elif environment is not None and newest + 1 < experiment.timesteps:
                 newest = _step(environment, message.data, newest)
-    except (KeyError, TypeError, ValueError, IndexError) as error:
+    except DAMAGED as error:
         raise RecordingError(f"{path}: cannot be counted again: {error!r}") from None
     if environment is None or newest < 0:
         raise RecordingError(f"{path}: holds no run")

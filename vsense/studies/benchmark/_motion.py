@@ -33,6 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.arena import Floats, wrap_angle
+from vsense.monitor.recording import DAMAGED
 from vsense.monitor.recording.form import ExperimentMessage, RecordingError
 from vsense.monitor.recording.reader import Recording
 from vsense.world.robot_models import EPUCK, WHEELS, RobotModel
@@ -140,7 +141,7 @@ def read_motion(recording: Recording, sensing: bool = True) -> RunMotion:
         if not gathered.times_ns:
             raise RecordingError(f"{recording.path}: holds no run")
         return gathered.motion()
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+    except DAMAGED as error:
         raise RecordingError(f"{recording.path}: is damaged: {error!r}") from None
 
 

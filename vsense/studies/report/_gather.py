@@ -154,8 +154,6 @@ def _is_place(value: Any) -> bool:
 MOST_TEXTS = 500
 
 ConePoints = tuple[tuple[float, float], ...]
-DAMAGED_MESSAGE = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError)
-"""What a damaged message raises."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,7 +256,7 @@ class Gatherer:
         """Adds a message; one that is damaged is counted and left out."""
         try:
             self._takers[message.topic](message)
-        except DAMAGED_MESSAGE:
+        except recording.DAMAGED:
             self.odd += 1
 
     def _arena(self, message: Message) -> None:

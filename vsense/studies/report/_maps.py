@@ -11,9 +11,10 @@ import cv2
 import numpy as np
 
 from vsense.base.arena import Floats
+from vsense.monitor.recording import DAMAGED
 from vsense.studies.report._facts import entities, number, numbers
 from vsense.studies.report._findings import Findings
-from vsense.studies.report._gather import DAMAGED_MESSAGE, MAP_CELL_M, Gatherer
+from vsense.studies.report._gather import MAP_CELL_M, Gatherer
 from vsense.studies.report._plot import Drawing, label, new_figure, setting, width_of
 from vsense.world.entities import Arena
 
@@ -283,7 +284,7 @@ def _floor(axes: Axes, world: Mapping[str, Any]) -> None:
         size, middle = numbers(data.get("size_m"), 2), numbers(data.get("centre_m"), 2)
         raw = np.frombuffer(base64.b64decode(data["png"]), np.uint8)
         image = cv2.imdecode(raw, cv2.IMREAD_COLOR)
-    except (*DAMAGED_MESSAGE, binascii.Error, cv2.error):
+    except (*DAMAGED, binascii.Error, cv2.error):
         return
     if image is None or size is None or min(size) <= 0.0:
         return
