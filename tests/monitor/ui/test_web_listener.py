@@ -6,6 +6,7 @@ import asyncio
 import contextlib
 import errno
 import os
+import re
 import resource
 import socket
 import time
@@ -17,9 +18,12 @@ import pytest
 
 from tests.monitor.ui.puppet import Puppet
 from tests.rigs.web import HALF, TOKENS, hear, is_closed, read_rest, talk, ws
+from vsense.base.message_bus import MessageBus
 from vsense.monitor.ui import _server as site
 from vsense.monitor.ui import _web_listener
+from vsense.monitor.ui._page_clients import WebClients
 from vsense.monitor.ui._server import WebServer
+from vsense.run.orders import Order
 
 PATIENCE_S = 30.0
 
@@ -255,3 +259,33 @@ def test_pages_stay_open_longer_than_any_request(port: Port, hasty: None) -> Non
         assert (await hear(page, "/answer"))["ok"]
 
     talk(come)
+
+
+def test_a_page_whose_order_fails_is_told_and_closed_and_the_next_is_heard(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Also where ending what it is sent is heard late, as by `wait_for` before Python 3.12."""
+
+    async def deaf_once(*_: object) -> None:
+        with contextlib.suppress(asyncio.CancelledError):
+            await asyncio.sleep(60.0)
+        await asyncio.sleep(60.0)
+
+    def fail(order: Order) -> str:
+        raise RuntimeError("a bug")
+
+    async def press(client: aiohttp.ClientSession) -> aiohttp.WSMsgType:
+        socket = await ws(client, f"http://127.0.0.1:{server.port}/")
+        await socket.send_json({"order": "emergency", "value": 0})
+        return (await socket.receive(20.0)).type
+
+    monkeypatch.setattr(WebClients, "_send", deaf_once)
+    said: list[str] = []
+    server = WebServer(MessageBus(), fail, "127.0.0.1", 0, say=said.append)
+    try:
+        server.start()
+        ends = {aiohttp.WSMsgType.CLOSE, aiohttp.WSMsgType.CLOSED, aiohttp.WSMsgType.ERROR}
+        assert {talk(press), talk(press)} <= ends
+    finally:
+        server.close()
+    assert re.search(r"answering failed: RuntimeError in test_web_listener\.py", said[0])

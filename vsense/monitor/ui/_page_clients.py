@@ -13,7 +13,7 @@ import json
 import threading
 import time
 from collections import OrderedDict, deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 from aiohttp import WSMsgType, web
@@ -273,15 +273,13 @@ class WebClients:
             # A page that is sent nothing any more is closed: it opens again by itself.
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
-            for task in tasks:
-                task.cancel()
-            results = await asyncio.gather(*tasks, return_exceptions=True)
+            await _end(tasks)
             viewer.leave()
             del self._viewers[viewer]
             self._sockets.discard(socket)
             self._introduce()
-        for failed in results:
-            if isinstance(failed, Exception):
+        for task in tasks:
+            if not task.cancelled() and (failed := task.exception()) is not None:
                 raise failed
         return socket
 
@@ -369,6 +367,15 @@ class WebClients:
 
     def _answer(self, viewer: WebClient, text: str, ok: bool) -> None:
         viewer.post(_answer(text, ok))
+
+
+async def _end(tasks: Collection[asyncio.Task[None]]) -> None:
+    """Ends tasks. Before Python 3.12 a `wait_for` that is over loses the cancellation."""
+    pending = set(tasks)
+    while pending:
+        for task in pending:
+            task.cancel()
+        _, pending = await asyncio.wait(pending, timeout=0.1)
 
 
 def _answer(text: str, ok: bool, change: bool = False) -> Message:
