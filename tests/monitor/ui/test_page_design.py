@@ -93,6 +93,8 @@ def test_an_arena_that_is_changed_stays_large_on_a_small_screen(
     page = opened(url)
     page.size(1366, 768)
     page.until("innerWidth === 1366 && vsense.store.robots && vsense.edit.able")
+    # The charts of the measures, which come with the first timesteps, take some of its room.
+    page.until("document.querySelector('#measures').childElementCount > 0")
     _, _, width, height = box(page, "#arena")
     page.key("e")
     page.until("document.querySelector('#edit_save').offsetParent")
