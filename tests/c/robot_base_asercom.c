@@ -394,7 +394,8 @@ int main(int argc, char *argv[])
     test_wrong_mode(EPUCK_ASERCOM_BLUETOOTH, EPUCK_ASERCOM_EXTENSION, "mode=extension");
     test_wrong_mode(EPUCK_ASERCOM_BLUETOOTH_GROUND, EPUCK_ASERCOM_BLUETOOTH, "no ground sensors");
     test_wrong_mode(EPUCK_ASERCOM_BLUETOOTH_GROUND, EPUCK_ASERCOM_EPUCK2_GROUND,
-                    "it is an e-puck2:");
-    test_wrong_mode(EPUCK_ASERCOM_EPUCK2, EPUCK_ASERCOM_BLUETOOTH, "it is an e-puck:");
+                    "it is an e-puck2: expected model=epuck2");
+    test_wrong_mode(EPUCK_ASERCOM_EPUCK2, EPUCK_ASERCOM_BLUETOOTH,
+                    "it is an e-puck: expected model=epuck");
     return 0;
 }

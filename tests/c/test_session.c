@@ -408,7 +408,6 @@ static void test_an_end_that_anybody_may_have_made_ends_nothing(void)
     }
 }
 
-/* Both with the right keys: one sends what is too far ahead, and the other goes on hearing. */
 static void test_nothing_is_left_of_what_was_there_before(void)
 {
     struct vs_session s;
@@ -460,6 +459,7 @@ static void test_an_echo_that_was_held_too_long_is_none(void)
     CHECK(header.echo_ns == 0 && header.hold_us == 0);
 }
 
+/* Both with the right keys: one sends what is too far ahead, and the other goes on hearing. */
 static void test_no_packet_makes_a_peer_deaf(void)
 {
     uint8_t packet[VS_PACKET_MAX];

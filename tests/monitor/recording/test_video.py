@@ -136,6 +136,17 @@ def test_scenes_say_what_was_there(file: Path) -> None:
     assert angles.tolist() == [0.0, 1.0] and shares.tolist() == [0.25, 1.0]
 
 
+def test_robots_and_objects_that_are_damaged_end_no_film() -> None:
+    damaged: list[dict[str, Any]] = [
+        {"tag": 1, "height_m": 10**400, "radius_m": 0.04}, {"tag": [2], "height_m": 0.1},
+        {"tag": 3, "height_m": None}, {"height_m": 0.1}, {"tag": 4, "height_m": 0.05},
+    ]  # fmt: skip
+    arena = {"size_m": [1, 1, 1], "centre_m": [0, 0, 0]}
+    scenes = RecordedScenes({"arena": arena, "robots": damaged, "objects": damaged})
+    assert (scenes._heights, scenes._radii) == ({4: 0.05}, {1: 0.04})
+    assert scenes._objects == {1, 3, 4}
+
+
 def test_a_picture_has_the_moment_of_its_own_capture(file: Path) -> None:
     with open_recording(file) as opened:
         scenes = RecordedScenes(opened.experiment)

@@ -51,7 +51,7 @@ def test_things_are_dragged_and_numbers_are_set(served: Serve, opened: Open) -> 
     assert puppet.changes == [], "nothing is moved by mistake"
     page.key("e")
     page.until("vsense.edit.on && !document.querySelector('#editor').hidden")
-    page.until("(vsense.arena.key = '', vsense.arena.draw(true), true)")
+    page.until("(vsense.arena.key = '', vsense.arena.draw(), true)")
     page.drag(place(page, 1.0, 0.7), place(page, 0.4, 0.5))
     page.until("vsense.store.world.entities.some(e => e.id === 'nest' && e.x_m < 0.5)")
     assert {change.name for change in puppet.changes} == {"nest"}

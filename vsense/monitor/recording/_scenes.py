@@ -71,6 +71,7 @@ class RecordedScenes:
         """`experiment` is the data of `/experiment`; ValueError: it has no arena."""
         facts = ExperimentMessage.read(experiment)
         self.arena = _arena_of(facts.arena or {})
+        self._grid = grid(self.arena)
         self.name = facts.name or facts.command
         self.state = ""
         self.time_s: float | None = None
@@ -78,9 +79,10 @@ class RecordedScenes:
         self._facts, self._robot = facts, robot
         self._timestep_s = facts.timestep_s or 0.0
         self._before, self._newest = (-1, 0), -1
-        self._heights = {r["tag"]: float(r["height_m"]) for r in facts.robots if "height_m" in r}
-        self._radii = {r["tag"]: float(r["radius_m"]) for r in facts.robots if "radius_m" in r}
-        self._objects = {thing.get("tag") for thing in facts.objects}
+        self._heights = _lengths(facts.robots, "height_m")
+        self._radii = _lengths(facts.robots, "radius_m")
+        tags = (thing.get("tag") for thing in facts.objects)
+        self._objects = {tag for tag in tags if isinstance(tag, int)}
         self._entities: list[Entity] = []
         self._floor: Any = None
         self._fields: list[Floats] = []
@@ -122,7 +124,7 @@ class RecordedScenes:
         self._floor = floor_raster(floor.with_zones(zones), self.arena)
 
     def _spread(self, data: Mapping[str, Any]) -> None:
-        self._fields = [_field(row, self.arena) for row in data["fields"]]
+        self._fields = [_field(row, *self._grid) for row in data["fields"]]
 
     def _status(self, data: Mapping[str, Any]) -> None:
         self._leds = dict(zip(data["tag"], data["leds"], strict=True))
@@ -276,6 +278,15 @@ def _arena_of(data: Mapping[str, Any]) -> Arena:
     return Arena((size_x, size_y, size_z), (x, y, z))
 
 
+def _lengths(robots: Iterable[Mapping[str, Any]], name: str) -> dict[int, float]:
+    """A length of robots by tag; of one that does not say it, or is damaged, there is none."""
+    lengths: dict[int, float] = {}
+    for robot in robots:
+        with suppress(*DAMAGED):
+            lengths[robot["tag"]] = float(robot[name])
+    return lengths
+
+
 def _entity(data: Mapping[str, Any]) -> Entity | None:
     """A virtual thing; None for one of a kind that is not known, or damaged."""
     with suppress(*DAMAGED, WorldError):
@@ -309,11 +320,10 @@ def _floor(floor: Mapping[str, Any] | None) -> Floor:
     return Floor()
 
 
-def _field(data: Mapping[str, Any], arena: Arena) -> Floats:
-    """A field over the arena, as shares of its highest concentration."""
+def _field(data: Mapping[str, Any], points: Floats, size: tuple[int, int]) -> Floats:
+    """A field at the points of a `grid`, as shares of its highest concentration."""
     shape = int(data["rows"]), int(data["columns"])
     levels = np.frombuffer(base64.b64decode(data["levels"]), np.uint8).reshape(shape)
-    points, size = grid(arena)
     # Row 0 of the levels lies at the lowest y; a cell's value is that of its middle.
     cells = (points - np.array(data["corner_m"])) / float(data["cell_m"]) - 0.5
     across, down = (cells[:, k].reshape(size).astype(np.float32) for k in (0, 1))

@@ -85,7 +85,7 @@ export class Arena {
 
   /** Draws where something that it shows is new, or its size is; called once per frame of the screen.
    * @param {boolean} refresh false: what is new is left alone */
-  draw(refresh) {
+  draw(refresh = true) {
     const store = this.store;
     this.#takeShape(store.experiment?.arena.size_m);
     if (!this.canvas.clientWidth) return;

@@ -89,7 +89,7 @@ function showHandles(on) {
   isSetting = on;
   arena.key = "";
   // Without the words below there is more room.
-  arena.draw(true);
+  arena.draw();
   const drawn = drawnCorners();
   if (on && !corners && drawn) setCorners(drawn.map(([x, y]) => [x / innerWidth, y / innerHeight]));
   arrange();
@@ -163,7 +163,7 @@ function frame() {
   requestAnimationFrame(frame);
   try {
     const before = arena.drawn.count;
-    arena.draw(true);
+    arena.draw();
     if (arena.drawn.count !== before) arrange();
     if (performance.now() - rendered < RENDER_EVERY_MS) return;
     rendered = performance.now();
