@@ -24,10 +24,10 @@ APT_LINE = "sudo apt install clang-19 libclang-rt-19-dev"
 
 _FOLDERS = ("c_src", "c_src/host", "firmware_bridge", "robot")
 _LEFT_OUT = {"main.c"}
-_FLAGS = ["-std=c11", "-g", "-O2", "-D_POSIX_C_SOURCE=200809L"]
-_FLAGS += [f"-I{ROOT / folder}" for folder in _FOLDERS]
+FLAGS = ["-std=c11", "-g", "-O2", "-D_POSIX_C_SOURCE=200809L"]
+FLAGS += [f"-I{ROOT / folder}" for folder in _FOLDERS]
 _SANITIZE = "address,undefined"
-_STRICT = ["-pedantic", "-Wall", "-Wextra", "-Wshadow", "-Wconversion", "-Werror"]
+STRICT = ["-pedantic", "-Wall", "-Wextra", "-Wshadow", "-Wconversion", "-Werror"]
 _FILES_MAX, _BYTES_MAX, _LONG_BYTES = 29, 19_000, 1500
 """Of a corpus in the tree, and of one file in it."""
 _LONGEST_S, _MEMORY_MB = 2, 512
@@ -69,14 +69,15 @@ def build(targets: Sequence[str]) -> dict[str, Path]:
     folder = BUILT / _digest(_headers())
     folder.mkdir(parents=True, exist_ok=True)
     with ThreadPoolExecutor(2) as pool:
-        objects = list(pool.map(lambda source: _compile(source, folder), _sources()))
+        objects = list(pool.map(lambda source: _compile(source, folder), sources()))
     archive = folder / f"shared-{_digest(objects)}.a"
     if not archive.exists():
         _run(["ar", "rcs", str(archive), *map(str, objects)])
     return {name: _link(name, archive, folder) for name in targets}
 
 
-def _sources() -> Iterator[Path]:
+def sources() -> Iterator[Path]:
+    """The C files that targets are linked with."""
     for name in _FOLDERS:
         yield from (p for p in sorted((ROOT / name).glob("*.c")) if p.name not in _LEFT_OUT)
 
@@ -87,7 +88,7 @@ def _headers() -> Iterator[Path]:
 
 
 def _digest(paths: Iterable[Path]) -> str:
-    found = hashlib.sha256(" ".join(_FLAGS).encode())
+    found = hashlib.sha256(" ".join(FLAGS).encode())
     for path in paths:
         found.update(
             f"{path.name}\n".encode() + (path.read_bytes() if path.suffix != ".o" else b"")
@@ -98,7 +99,7 @@ def _digest(paths: Iterable[Path]) -> str:
 def _compile(source: Path, folder: Path) -> Path:
     target = folder / f"{source.stem}-{_digest([source])}.o"
     if not target.exists():
-        flags = [*_FLAGS, f"-fsanitize=fuzzer-no-link,{_SANITIZE}", "-fno-sanitize-recover=all"]
+        flags = [*FLAGS, f"-fsanitize=fuzzer-no-link,{_SANITIZE}", "-fno-sanitize-recover=all"]
         _make(target, [CLANG, *flags, "-c", str(source)])
     return target
 
@@ -108,7 +109,7 @@ def _link(name: str, archive: Path, folder: Path) -> Path:
     life = ROOT / "tests" / "c" / "robot_life.c"
     target = folder / f"{name}-{_digest([source, archive, life])}"
     if not target.exists():
-        flags = [*_FLAGS, *_STRICT, f"-fsanitize=fuzzer,{_SANITIZE}", "-fno-sanitize-recover=all"]
+        flags = [*FLAGS, *STRICT, f"-fsanitize=fuzzer,{_SANITIZE}", "-fno-sanitize-recover=all"]
         _make(target, [CLANG, *flags, str(source), str(archive), "-lm"])
     return target
 

@@ -129,7 +129,7 @@ static void check_ring(const struct vs_near *near)
     static const double response[2] = {1.0, 0.5};
     static const double table_m[3] = {0.0, 0.02, 0.05};
     static const double table_raw[3] = {3800.0, 700.0, 60.0};
-    const struct vs_ring ring = {2, 2, from, from, ray_x, ray_y, response, 3, table_m, table_raw};
+    const struct vs_ring ring = {2, 2, from, from, ray_x, ray_y, response, 3, table_m, table_raw, NULL};
     const struct vs_ring *each[BODIES];
     double distances_m[2 * VS_RING_SENSORS * BODIES];
     const struct vs_rings rings = {each, near, NULL, NULL, distances_m, NULL, NULL};

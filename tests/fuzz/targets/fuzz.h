@@ -84,4 +84,24 @@ static inline uint32_t take_below(struct input *in, uint32_t limit)
     return take_u8(in) % limit;
 }
 
+#ifdef WITHOUT_LIBFUZZER
+/* Runs the target on the files it is given: any compiler makes it, clang's runtime is not needed. */
+int main(int count, char **paths)
+{
+    static uint8_t data[1 << 16];
+    int i;
+
+    for (i = 1; i < count; i++) {
+        FILE *file = fopen(paths[i], "rb");
+        size_t size;
+
+        CHECK_FOR(paths[i], file != NULL);
+        size = fread(data, 1, sizeof data, file);
+        CHECK_FOR(paths[i], feof(file) && fclose(file) == 0);
+        CHECK_FOR(paths[i], LLVMFuzzerTestOneInput(data, size) == 0);
+    }
+    return 0;
+}
+#endif
+
 #endif

@@ -64,7 +64,7 @@ static void check_calibrated(const struct vs_calibration *c)
             reading.ground[k] = ends[i];
         reading.steps[0] = 60000 * ends[i];
         reading.steps[1] = -60000 * ends[i];
-        vs_calibration_sense(c, &reading);
+        vs_calibration_sense(c, &reading, 0);
         vs_calibration_sense_ground(c, reading.ground);
         CHECK(c->text[VS_CAL_PROXIMITY] == NULL || (reading.prox[0] >= 0 && reading.prox[0] <= 4095));
         CHECK(c->text[VS_CAL_LIGHT] == NULL || (reading.light[7] >= 0 && reading.light[7] <= 4095));

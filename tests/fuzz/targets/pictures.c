@@ -234,17 +234,64 @@ static uint8_t *make_mask(struct input *in, const struct vs_picture *picture)
     return mask;
 }
 
+/* As the shipped family is searched for, or with any numbers. */
+static void make_search(struct input *in, struct vs_search *search)
+{
+    static const struct vs_shape_gate gate = {7.0, 29.0, 15.0, 600.0, 0.0, 1e9, 1.0, 9.0, 0.0, 0.0};
+
+    memset(search, 0, sizeof *search);
+    search->least_apart_m = 0.03;
+    search->gate = gate;
+    search->least_contrast = (int8_t)take_u8(in);
+    search->level_256 = take_u16(in) % 300;
+    search->lead_m = number(in, 0.005);
+    search->gate.least_px = number(in, 10.0);
+    search->gate.most_px = number(in, 43.0);
+    search->gate.least_px2 = number(in, 30.0);
+    search->gate.most_px2 = number(in, 1200.0);
+}
+
+static void take_rescans(struct input *in, struct vs_search *search)
+{
+    int i;
+
+    search->print_256 = take_u16(in) % 300;
+    search->has_veil = take_u8(in) & 1;
+    search->pale_contrast = take_u8(in);
+    search->pale_fit = number(in, 0.3);
+    for (i = 0; i < VS_MARKERS_AGAIN; i++) {
+        search->again[i].level_256 = take_u16(in) % 300;
+        search->again[i].least_light = take_u16(in) % 300;
+    }
+}
+
+/* Right angles that are looked for in what is larger than a marker. */
+static void take_corners(struct input *in, struct vs_search *search)
+{
+    int i;
+
+    search->corners = take_u8(in) % (VS_MARKERS_CORNERS + 1);
+    search->wanted = take_u8(in) & 7;
+    search->corner_side_m = number(in, 0.03);
+    for (i = 0; i < search->corners; i++) {
+        double angle = 0.0245 * take_u8(in);
+
+        search->corner[i].x_m = number(in, 0.02);
+        search->corner[i].y_m = number(in, 0.02);
+        search->corner[i].ahead = cos(angle);
+        search->corner[i].left = sin(angle);
+    }
+}
+
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     struct input in = {data, size};
-    struct vs_search search = {36,    100,  0,   0.0,
-                               {{0, 0}, {0, 0}}, 102, 0, NULL,
-                               0.005, 0.03, {7.0, 29.0, 15.0, 600.0, 0.0, 1e9, 1.0, 9.0, 0.0, 0.0}};
+    struct vs_search search;
     struct vs_window window;
     struct vs_view view;
     uint8_t *skipped;
     size_t count = 0;
-    int full, i;
+    int full;
 
     if (memory == NULL)
         memory = malloc(vs_markers_size(400, VS_MARKERS_SIDE));
@@ -252,27 +299,14 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     take_picture(&in, &view.picture);
     make_outline(&in);
     make_lens(&in, &view);
-    search.least_contrast = (int8_t)take_u8(&in);
-    search.level_256 = take_u16(&in) % 300;
-    search.lead_m = number(&in, 0.005);
-    search.gate.least_px = number(&in, 10.0);
-    search.gate.most_px = number(&in, 43.0);
-    search.gate.least_px2 = number(&in, 30.0);
-    search.gate.most_px2 = number(&in, 1200.0);
+    make_search(&in, &search);
     window.left = (int16_t)take_u16(&in);
     window.top = (int16_t)take_u16(&in);
     window.right = take_u8(&in) & 7 ? view.picture.width_px : (int32_t)take_u32(&in);
     window.bottom = take_u8(&in) & 7 ? view.picture.height_px : (int32_t)take_u32(&in);
     if (take_u8(&in) & 1)
         window.left = window.top = 0;
-    search.print_256 = take_u16(&in) % 300;
-    search.has_veil = take_u8(&in) & 1;
-    search.pale_contrast = take_u8(&in);
-    search.pale_fit = number(&in, 0.3);
-    for (i = 0; i < VS_MARKERS_AGAIN; i++) {
-        search.again[i].level_256 = take_u16(&in) % 300;
-        search.again[i].least_light = take_u16(&in) % 300;
-    }
+    take_rescans(&in, &search);
     if (take_u8(&in) & 1) {
         make_words(&in);
         search.gate.least_square = number(&in, 0.1);
@@ -282,6 +316,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     skipped = NULL;
     if (take_u8(&in) & 1)
         search.outside = skipped = make_mask(&in, &view.picture);
+    if (take_u8(&in) & 1)
+        take_corners(&in, &search);
     full = vs_markers_search((struct vs_markers *)(void *)memory, &search, &outline, &view, &window,
                              found, FOUND, &count);
     free(skipped);

@@ -163,13 +163,16 @@ static struct vs_header make_header(const uint8_t **key, uint32_t *which)
     struct vs_header h;
     static const uint8_t chosen[8] = {0, 0, 0, 0, 1, 2, 3, 5};
     uint8_t how = take_u8(w.in);
+    int32_t later = 1;
 
     memset(&h, 0, sizeof h);
     *which = chosen[how & 7];
     *key = *which < 5 ? w.keys[*which] : vs_key_published;
     h.session = how & 8 ? take_u32(w.in) : w.number;
     h.table_hash = how & 16 ? take_u32(w.in) : w.table.hash;
-    h.sequence = w.sequence + (how & 32 ? (uint32_t)(int32_t)(int16_t)take_u16(w.in) : 1);
+    if (how & 32)
+        later = (int16_t)take_u16(w.in);
+    h.sequence = w.sequence + (uint32_t)later;
     h.run = w.run + (how & 64 ? take_u8(w.in) - 20u : 0);
     h.echo_ns = how & 128 ? take_u64(w.in) : w.now_ns - take_u8(w.in) * MS;
     h.send_ns = w.now_ns + 5000000000u;
