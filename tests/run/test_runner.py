@@ -294,9 +294,23 @@ def test_a_robot_that_says_nothing_after_an_emergency_stop_is_seen_moving(stage:
     lines = [line for line in stage.terminal.getvalue().splitlines() if "LIFT IT" in line]
     assert len(lines) == 1 and lines[0].startswith(f"ROBOT {hung} does NOT stop: LIFT IT")
     assert lines[0].endswith("(told to stop 0.30 s ago, the cameras see it move)")
-    # Pages hear of the alarm at once, though the run's loop has ended.
-    (alarms,) = (alarms for silent, alarms in stage.observed if silent and alarms)
-    assert [alarm.text for alarm in alarms] == [f"robot {hung} does NOT stop: lift it"]
+    # Pages hear of the alarm at once, and see it move, though the run's loop has ended.
+    shown = [[alarm.text for alarm in alarms] for silent, alarms in stage.observed if not silent]
+    # One state is of before the stop, six follow it within the 0.6 s that robots are watched.
+    assert shown == 3 * [[]] + 4 * [[f"robot {hung} does NOT stop: lift it"]]
+
+
+def test_the_arena_is_shown_while_last_reports_are_waited_for(stage: Stage) -> None:
+    """A robot that hung says nothing more; its host is silent for less than the second after which
+    the others would say that no UDP comes through."""
+    stage.connected = stage.seen = stage.tags
+    hung, other = sorted(robot.tag for robot in stage.experiment.robots)
+    stands = {"telemetry": Telemetry(state=Wanted.STOP, received=10), "heard_ns": 1}
+    stage.statuses = {hung: {**stands, "sent": 11}, other: stands}
+    begun_ns = stage.now_ns
+    stage.runner.stop()
+    assert [silent for silent, _ in stage.observed] == 7 * [False]
+    assert 0.7 * S <= stage.now_ns - begun_ns < 1.0 * S
 
 
 def test_a_pause_when_the_last_robot_arrives_does_not_lose_the_run(stage: Stage) -> None:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
 from functools import partial
 
 from vsense.base.arena import ArenaState
@@ -26,7 +25,7 @@ from vsense.run.environment import Environment
 from vsense.run.homing import starts
 from vsense.run.robots import LinkCounters, Readiness, RobotAlarms
 from vsense.run.runtime import Runtime, Step
-from vsense.run.watch import NoArenaState
+from vsense.run.watch import NoArenaState, Silence
 
 SILENCE_POLL_S = 0.25
 """A run without arena states checks this often whether it shall end."""
@@ -38,25 +37,15 @@ what it raises ends the run."""
 STAND_TIMEOUT_NS = 600_000_000
 """Robots that have not reported that they stand are watched so long after STOP."""
 
-STAND_POLL_S = 0.02
-"""Meanwhile reports are read so often."""
-
-SETTLE_TIMEOUT_NS = 1_000_000_000
-"""After the run the last telemetry may take this long to arrive ..."""
+SETTLE_TIMEOUT_NS = 700_000_000
+"""After the run the last telemetry may take this long to arrive: the robots hear nothing meanwhile,
+and after 1 s of it say that no UDP comes through ..."""
 
 HURRY_NS = 300_000_000
 """... and this long where somebody has ended the process."""
 
-
-@dataclass(frozen=True, slots=True)
-class Silence:
-    """A time in the run without an arena state, in which the robots stood still.
-
-    `run_timestep` is the last timestep before it.
-    """
-
-    run_timestep: int
-    duration_s: float
+LOOK_POLL_S = 0.02
+"""Meanwhile reports are read so often."""
 
 
 class Runner:
@@ -363,38 +352,48 @@ class Runner:
         Robots that obey cost no time: what they report next is waited for anyhow. One that hung
         just before says nothing any more, and is left to the cameras.
         """
-        deadline_ns, sees = self._clock() + STAND_TIMEOUT_NS, True
-        robots = self._server.robots()
-        while self._clock() < deadline_ns:
+
+        def stand(robots: Mapping[int, RobotStatus]) -> bool:
             reported = all(stands(robot) for robot in robots.values() if robot.connected)
-            if reported and not self._obedience.is_unsure(robots, self._clock()):
-                return
-            state = None
+            return reported and not self._obedience.is_unsure(robots, self._clock())
+
+        self._look_on(stand, STAND_TIMEOUT_NS)
+
+    def _settle(self) -> None:
+        """Stops sending and waits until every robot has reported what it received."""
+
+        def told(robots: Mapping[int, RobotStatus]) -> bool:
+            self.counters.update(robots)
+            return self.counters.received >= self.counters.sent
+
+        self._server.silence()
+        self._look_on(told, HURRY_NS if self._interrupted.is_set() else SETTLE_TIMEOUT_NS)
+        self._server.silence(False)
+
+    def _look_on(self, done: Callable[[Mapping[int, RobotStatus]], bool], patience_ns: int) -> None:
+        """Shows what is seen after a run, whose loop has ended, and says who does not obey.
+
+        Until `done` of the robots' newest statuses, and no longer than `patience_ns`.
+        """
+        deadline_ns, sees = self._clock() + patience_ns, True
+        robots = self._server.robots()
+        while not done(robots) and self._clock() < deadline_ns:
+            step = None
             if sees:
                 try:
-                    state = self._runtime.step(STAND_POLL_S).state
+                    step = self._runtime.step(LOOK_POLL_S)
                 except NoArenaState:
                     pass
                 except VsenseError:
                     sees = False  # what has failed has ended the run, and is said there
             else:
-                threading.Event().wait(STAND_POLL_S)
+                threading.Event().wait(LOOK_POLL_S)
             robots = self._server.robots()
-            if self._say_disobedience(robots, state):
-                self._observe(None, robots)  # the run's loop, which observes, has ended
+            said = self._say_disobedience(robots, None if step is None else step.state)
+            if said or step is not None:
+                self._observe(step, robots)
 
     def _say_disobedience(self, robots: Mapping[int, RobotStatus], state: ArenaState | None) -> int:
         for line in (lines := self._obedience.update(robots, state, self._clock())):
             self._console.say(line, "trouble")
         return len(lines)
-
-    def _settle(self) -> None:
-        """Stops sending and waits until every robot has reported what it received."""
-        self._server.silence()
-        patience_ns = HURRY_NS if self._interrupted.is_set() else SETTLE_TIMEOUT_NS
-        deadline_ns = self._clock() + patience_ns
-        self.counters.update(self._server.robots())
-        while self.counters.received < self.counters.sent and self._clock() < deadline_ns:
-            threading.Event().wait(0.02)
-            self.counters.update(self._server.robots())
-        self._server.silence(False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 from vsense.base.arena import ArenaState, Frame
@@ -16,6 +17,17 @@ WATCH_TIMEOUT_S = 2.0
 
 class NoArenaState(GrabberError):
     """No arena state came in time; nothing has failed, and the next one may still come."""
+
+
+@dataclass(frozen=True, slots=True)
+class Silence:
+    """A time in the run without an arena state, in which the robots stood still.
+
+    `run_timestep` is the last timestep before it.
+    """
+
+    run_timestep: int
+    duration_s: float
 
 
 class ArenaSource(Protocol):
