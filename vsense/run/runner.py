@@ -37,9 +37,9 @@ what it raises ends the run."""
 STAND_TIMEOUT_NS = 600_000_000
 """Robots that have not reported that they stand are watched so long after STOP."""
 
-SETTLE_TIMEOUT_NS = 700_000_000
+SETTLE_TIMEOUT_NS = 600_000_000
 """After the run the last telemetry may take this long to arrive: the robots hear nothing meanwhile,
-and after 1 s of it say that no UDP comes through ..."""
+and would report after 1 s, until the next state has come, that no UDP comes through ..."""
 
 HURRY_NS = 300_000_000
 """... and this long where somebody has ended the process."""
