@@ -466,7 +466,7 @@ BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     "the page": (("vsense",), (".js", ".css", ".html"), 46, 6000, 300),
     "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 297, 32700, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 38, 7700, 512),
-    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 667, 117134, 651),
+    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 667, 117162, 651),
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 

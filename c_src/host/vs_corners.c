@@ -112,15 +112,16 @@ static double look_at(const struct vs_border *border, const double map[4], uint3
 static uint32_t measure(const struct vs_border *border, uint32_t place, double side_m,
                         const struct vs_view *view, const int32_t origin[2], double map[4])
 {
-    double place_m[2], area;
-    uint32_t steps;
+    double place_m[2], area, steps;
 
     if (!vs_lens_map(view, border->x[place] + origin[0], border->y[place] + origin[1], place_m,
                      map))
         return 0;
     area = map[0] * map[3] - map[1] * map[2];
-    steps = (uint32_t)(SIDE_SHARE * side_m / vs_root(area < 0.0 ? -area : area));
-    return steps < LEAST_STEPS ? LEAST_STEPS : steps;
+    steps = SIDE_SHARE * side_m / vs_root(area < 0.0 ? -area : area);
+    if (!(steps < VS_CORNERS_LENGTH)) /* longer than any border, as where a lens folds; or no number */
+        return 0;
+    return steps < LEAST_STEPS ? LEAST_STEPS : (uint32_t)steps;
 }
 
 /* Whether it is darker on one side of a border pixel than on the other, a step each away. */

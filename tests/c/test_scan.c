@@ -468,6 +468,33 @@ static void test_a_part_of_a_picture_that_is_too_large_is_refused(void)
     }
 }
 
+/* Found by fuzzing: where a lens folds a side has more pixels than an integer holds. */
+static void test_sides_longer_than_any_border_have_no_corners(void)
+{
+    static const double side_m[4] = {0.02, 30.0, 1e9, NAN};
+    static uint8_t pixels[WIDTH * HEIGHT];
+    struct vs_outline outline;
+    struct vs_search search;
+    struct vs_view view;
+    size_t count, k;
+    int y;
+
+    memset(pixels, 200, sizeof pixels);
+    for (y = 20; y < 100; y++)
+        memset(pixels + y * WIDTH + 20, 30, 80);
+    make_outline(&outline);
+    make_search(&search);
+    make_view(&view, pixels, WIDTH, WIDTH, HEIGHT);
+    search.corners = search.wanted = 1;
+    search.corner[0].ahead = 1.0;
+    for (k = 0; k < 4; k++) {
+        search.corner_side_m = side_m[k];
+        CHECK(vs_markers_search(work, &search, &outline, &view, &everything, found, CAPACITY,
+                                &count) >= 0);
+        CHECK(count == 0);
+    }
+}
+
 /* A camera that leans and whose lens distorts: what is seen of a plane is found there. */
 static void test_the_lens_and_back(void)
 {
@@ -518,6 +545,7 @@ int main(void)
     test_no_room_for_a_marker_is_reported();
     test_wrong_arguments_are_refused();
     test_a_negative_size_is_refused();
+    test_sides_longer_than_any_border_have_no_corners();
     test_a_part_of_a_picture_that_is_too_large_is_refused();
     test_the_lens_and_back();
     test_what_is_behind_a_camera_is_not_seen();
