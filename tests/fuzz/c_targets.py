@@ -11,6 +11,7 @@ import os
 import re
 import shutil
 import subprocess
+import time
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -139,8 +140,10 @@ def run(name: str, program: Path, seconds: float, runs: int | None, seed: int) -
     options += [f"-timeout={_LONGEST_S}", f"-rss_limit_mb={_MEMORY_MB}", "-reload=0"]
     command = [str(program), *options, str(kept), str(HERE / "corpus" / name)]
     log = BUILT / f"{name}.log"
+    began_s = time.monotonic()
     with log.open("wb") as file:
         code = subprocess.run(command, stdout=file, stderr=file, check=False).returncode
+    elapsed_s = time.monotonic() - began_s
     said = log.read_bytes()
     executed = _STATISTIC.findall(said)
     covered = _COVERAGE.findall(said)
@@ -148,7 +151,7 @@ def run(name: str, program: Path, seconds: float, runs: int | None, seed: int) -
     if code != 0 and not findings:
         findings = (f"ended with {code}, see {log}",)
     count = int(executed[-1]) if executed else 0
-    return Outcome(name, count, seconds, int(covered[-1]) if covered else None, findings)
+    return Outcome(name, count, elapsed_s, int(covered[-1]) if covered else None, findings)
 
 
 def minimise(name: str, program: Path) -> int:
