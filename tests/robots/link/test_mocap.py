@@ -8,9 +8,11 @@ nobody asked for and frames without any (issue 22), a server that hangs or is st
 from __future__ import annotations
 
 import math
+import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
+from pathlib import Path
 
 import pytest
 
@@ -83,6 +85,23 @@ def test_the_librarys_own_mock_system() -> None:
         state = until(listener, lambda state: state.capture_ns > begun_ns + 2 * STALE_NS)
         assert list(seen(state)) == [23]
         assert "motion capture: rigid body 'nobody' has no robot: left out" in said
+        assert ports_of_this_process() == [], "what its process writes to, no other program reaches"
+
+
+def ports_of_this_process() -> list[str]:
+    """Addresses on which this process listens for TCP, as Linux writes them."""
+    own = {os.readlink(path) for path in Path("/proc/self/fd").iterdir() if path.is_symlink()}
+    rows = [row.split() for row in Path("/proc/net/tcp").read_text().splitlines()[1:]]
+    return [row[1] for row in rows if row[3] == "0A" and f"socket:[{row[9]}]" in own]
+
+
+@pytest.mark.parametrize("part", [1e160, 1e-200])
+def test_a_body_whose_quaternion_has_no_square_costs_that_body_alone(part: float) -> None:
+    said: list[str] = []
+    bodies = RigidBodies(TAGS, "z", repeats=True, say=said.append)
+    bad, good = (0.5, 0.25, 0.1, 0.0, 0.0, part, part), (0.5, 0.25, 0.1, *STILL)
+    assert [r["tag"] for r in bodies.robots([("red one", bad), ("blue", good)], 0)] == [24]
+    assert said == ["rigid body 'red one' has a pose that is no number: it counts as unseen"]
 
 
 def test_bodies_of_optitrack_vanish_come_back_and_change_their_order() -> None:

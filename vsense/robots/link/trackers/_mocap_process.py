@@ -1,9 +1,9 @@
 """The process that asks a motion capture system where its rigid bodies are.
 
 `python -m vsense.robots.link.trackers._mocap_process` has one argument, JSON: `type` and `settings`
-of `motioncapture.connect`, `bodies` (tags by names), `up` and `port`. It connects to that port of
-this machine and writes lines as TRACKERS.md has them; what a person should know goes to its
-standard output, a line each.
+of `motioncapture.connect`, `bodies` (tags by names), `up`, and `socket`, the number of a descriptor
+that it has got. It writes lines there as TRACKERS.md has them; what a person should know goes to
+its standard output, a line each.
 
 It is a process of its own because the library waits in C for servers that may never answer, with
 Python held meanwhile, writes what it likes to standard output, and may crash on a damaged packet.
@@ -32,6 +32,8 @@ SILENT_S = 3.0
 STALE_NS = 500_000_000
 """A pose that repeats to the last bit for so long is no measurement: its body is not seen."""
 _MOST_NOTES = 8
+_LEAST, _MOST = 1e-6, 1e6
+"""Of a quaternion's largest part: of others the squares are no numbers, or zero."""
 _FAR_M, _HIGH_M, _STEEP = 100.0, 1.0, 0.8
 """What is farther off was told in mm. What looks steeper (a sine) has no heading on the floor; that
 and a body that is so high or low say that another axis points up."""
@@ -63,7 +65,7 @@ class RigidBodies:
         for name, pose in seen:
             if name not in self._tags:
                 self._note(name, "has no robot: left out")
-            elif not all(map(math.isfinite, pose)) or not any(pose[3:]):
+            elif not all(map(math.isfinite, pose)) or not _LEAST < max(map(abs, pose[3:])) < _MOST:
                 self._note(name, "has a pose that is no number: it counts as unseen")
             elif self._is_new(name, pose, now_ns):
                 self._place(name, on_floor(pose, self._up), robots)
@@ -152,7 +154,7 @@ def main() -> int:
         signal.setitimer(signal.ITIMER_REAL, SILENT_S)
         system = motioncapture.connect(order["type"], order["settings"])
         bodies = RigidBodies(order["bodies"], order["up"], order["type"] == "mock", say)
-        with socket.create_connection(("127.0.0.1", order["port"])) as link:
+        with socket.socket(fileno=order["socket"]) as link:
             for timestep in count():
                 system.waitForNextFrame()
                 signal.setitimer(signal.ITIMER_REAL, SILENT_S)

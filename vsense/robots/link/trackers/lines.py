@@ -170,7 +170,9 @@ class ListenerCounters(StateCounters):
     refused: int = 0
 
 
-class _Tracker:
+class Writer:
+    """Who has opened a connection to write lines."""
+
     def __init__(self, sock: socket.socket, origin: str, now_ns: int) -> None:
         self.sock = sock
         self.origin = origin
@@ -185,7 +187,8 @@ class ArenaListener(TrackerLink):
     """A source of arena states; it has no thread and waits in `next` only.
 
     Args:
-        host: name or address of the interface to listen on.
+        host: name or address of the interface to listen on; None: nobody can connect, and who
+            writes is given to `_admit`.
         port: its number; 0 takes any that is free.
         tags: the tags of the experiment.
         say, clock: see `TrackerLink`.
@@ -196,18 +199,19 @@ class ArenaListener(TrackerLink):
 
     def __init__(
         self,
-        host: str,
+        host: str | None,
         port: int,
         tags: Collection[int],
         say: Callable[[str], None],
         clock: Callable[[], int] = host_ns,
     ) -> None:
-        self._listener, self.port = listen(host, port)
+        self._listener: socket.socket | None
+        self._listener, self.port = (None, 0) if host is None else listen(host, port)
         super().__init__(f"on port {self.port}", say, clock)
         self.counters = ListenerCounters()
         self.repair = Repair(tags)
-        self._tracker: _Tracker | None = None
-        self._candidates = PortPlaces[_Tracker](CANDIDATES_MAX, CANDIDATES_EACH)
+        self._tracker: Writer | None = None
+        self._candidates = PortPlaces[Writer](CANDIDATES_MAX, CANDIDATES_EACH)
         self._strangers = StrangerLog(f"port {self.port}", say)
         self._resume_ns = 0
 
@@ -225,29 +229,31 @@ class ArenaListener(TrackerLink):
         self._strangers.tick(now_ns)
         trackers = [*([self._tracker] if self._tracker else []), *self._candidates]
         socks = [tracker.sock for tracker in trackers]
-        if now_ns >= self._resume_ns:
-            socks.append(self._listener)
-        else:
+        listener = self._listener
+        if listener is not None and now_ns >= self._resume_ns:
+            socks.append(listener)
+        elif listener is not None:
             until_ns = min(until_ns, self._resume_ns)
         ready = self._poll(dict.fromkeys(socks, select.POLLIN), until_ns)
         state = None
         for tracker in trackers:
             if tracker.sock.fileno() in ready:
                 state = self._read(tracker) or state
-        if self._listener.fileno() in ready:
-            self._accept()
+        if listener is not None and listener.fileno() in ready:
+            self._accept(listener)
         return state
 
     def _hang_up(self) -> None:
         for tracker in (self._tracker, *self._candidates):
             if tracker is not None:
                 self._let_go(tracker, "")
-        self._listener.close()
+        if self._listener is not None:
+            self._listener.close()
 
-    def _accept(self) -> None:
+    def _accept(self, listener: socket.socket) -> None:
         now_ns = self._clock()
         try:
-            sock, address = self._listener.accept()
+            sock, address = listener.accept()
         except (BlockingIOError, InterruptedError, ConnectionError):
             return
         except OSError as error:
@@ -255,8 +261,13 @@ class ArenaListener(TrackerLink):
             self._strangers.note("this machine", text, now_ns)
             self._resume_ns = now_ns + round(strangers.PAUSE_S * 1e9)
             return
+        self._admit(sock, str(address[0]))
+
+    def _admit(self, sock: socket.socket, origin: str) -> None:
+        """Takes lines of a connection, unless another tracker writes."""
+        now_ns = self._clock()
         sock.setblocking(False)
-        candidate = _Tracker(sock, str(address[0]), now_ns)
+        candidate = Writer(sock, origin, now_ns)
         if self._is_written(now_ns):
             self._refuse(candidate)
             return
@@ -269,14 +280,14 @@ class ArenaListener(TrackerLink):
         """Whether a tracker writes, whose place no other gets."""
         return self._tracker is not None and now_ns - self._tracker.heard_ns < TRACKER_SILENCE_NS
 
-    def _refuse(self, candidate: _Tracker) -> None:
+    def _refuse(self, candidate: Writer) -> None:
         assert self._tracker is not None
         self.counters.refused += 1
         origin = self._tracker.origin
         _answer(candidate.sock, {"error": f"a tracker on {origin} is writing already"})
         self._let_go(candidate, f": refused, one on {origin} is writing")
 
-    def _read(self, tracker: _Tracker) -> ArenaState | None:
+    def _read(self, tracker: Writer) -> ArenaState | None:
         try:
             data = tracker.sock.recv(_CHUNK)
         except (BlockingIOError, InterruptedError):
@@ -306,7 +317,7 @@ class ArenaListener(TrackerLink):
             newest = state
         return newest
 
-    def _takes_over(self, tracker: _Tracker, now_ns: int) -> bool:
+    def _takes_over(self, tracker: Writer, now_ns: int) -> bool:
         """Whether a valid line counts: whoever writes one has the place, unless another has it."""
         if tracker is not self._tracker:
             if self._is_written(now_ns):
@@ -321,7 +332,7 @@ class ArenaListener(TrackerLink):
         tracker.heard_ns = now_ns
         return True
 
-    def _parse(self, tracker: _Tracker, text: bytes | None) -> Line | None:
+    def _parse(self, tracker: Writer, text: bytes | None) -> Line | None:
         """Reads a line that follows those before; None if it is empty."""
         if text is None:
             raise LinkError(f"longer than {LINE_MAX} bytes")
@@ -333,13 +344,13 @@ class ArenaListener(TrackerLink):
             raise LinkError(f"timestep is {line.timestep} after {tracker.timestep}, expected more")
         return line
 
-    def _follow(self, tracker: _Tracker, line: Line, now_ns: int) -> ArenaState:
+    def _follow(self, tracker: Writer, line: Line, now_ns: int) -> ArenaState:
         step = 1 if tracker.timestep is None else line.timestep - tracker.timestep
         tracker.timestep = line.timestep
         self.counters.states += 1
         return self.repair.follow(line.robots, step, tracker.clock.host_ns(line, now_ns))
 
-    def _reject(self, tracker: _Tracker, number: int, error: str) -> None:
+    def _reject(self, tracker: Writer, number: int, error: str) -> None:
         self.counters.bad_lines += 1
         tracker.bad += 1
         _answer(tracker.sock, {"line": number, "error": error})
@@ -347,7 +358,7 @@ class ArenaListener(TrackerLink):
             more = " (more of this is only counted)" if tracker.bad == TOLD_MAX else ""
             self._say_of(tracker, f": line {number}: {error}{more}")
 
-    def _let_go(self, tracker: _Tracker, reason: str) -> None:
+    def _let_go(self, tracker: Writer, reason: str) -> None:
         tracker.sock.close()
         self._candidates.remove(tracker)
         if tracker is self._tracker:
@@ -355,7 +366,7 @@ class ArenaListener(TrackerLink):
         if reason:
             self._say_of(tracker, reason)
 
-    def _say_of(self, tracker: _Tracker, text: str) -> None:
+    def _say_of(self, tracker: Writer, text: str) -> None:
         """Tells something of a tracker; whoever reaches the port can be one."""
         text, deed = f"tracker on {tracker.origin}{text}", "connections and bad lines"
         self._strangers.say(tracker.origin, text, deed, self._clock())

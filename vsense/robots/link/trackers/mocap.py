@@ -1,7 +1,8 @@
 """Motion capture systems as arena sources, through the package motioncapture.
 
-A process of its own asks the system (`_mocap_process.py`) and writes lines to a listener on this
-machine, as any other tracker does (TRACKERS.md). It is started again when it has ended.
+A process of its own asks the system (`_mocap_process.py`) and writes lines as any other tracker
+does (TRACKERS.md), but into a socket that it has got from here: no other program can. It is started
+again when it has ended.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import socket
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 
@@ -16,7 +18,7 @@ from vsense.base.arena import ArenaState
 from vsense.base.clock import host_ns
 from vsense.base.processes import Started, describe_exit, start_module
 from vsense.robots.link.trackers._mocap_process import ENDED, SILENT_S
-from vsense.robots.link.trackers.lines import ArenaListener
+from vsense.robots.link.trackers.lines import ArenaListener, Writer
 
 _LOOK_NS = 300_000_000
 _AGAIN_NS = 1_000_000_000
@@ -62,14 +64,13 @@ class MocapListener(ArenaListener):
         say: Callable[[str], None],
         clock: Callable[[], int] = host_ns,
     ) -> None:
-        super().__init__("127.0.0.1", 0, tags, say, clock)
+        super().__init__(None, 0, tags, say, clock)
         self.name = f"{system.type} at {system.settings['hostname']}"
         self._order = {
             "type": system.type,
             "settings": dict(system.settings),
             "bodies": dict(system.bodies),
             "up": system.up,
-            "port": self.port,
         }
         self._process: Started | None = None
         self._begin_ns = 0
@@ -80,7 +81,11 @@ class MocapListener(ArenaListener):
         if self._process is None:
             if self._clock() >= self._begin_ns:
                 module = "vsense.robots.link.trackers._mocap_process"
-                self._process = start_module(module, json.dumps(self._order))
+                ours, theirs = socket.socketpair()
+                with theirs:
+                    order = json.dumps(self._order | {"socket": theirs.fileno()})
+                    self._process = start_module(module, order, pass_fds=(theirs.fileno(),))
+                self._admit(ours, "this machine")
                 os.set_blocking(self._process[2].fileno(), False)
             return
         process = self._process[0]
@@ -108,6 +113,10 @@ class MocapListener(ArenaListener):
         if state is not None:
             self._said = ""
         return state
+
+    def _let_go(self, tracker: Writer, reason: str) -> None:
+        # One that has written nothing yet has not been told of either.
+        super()._let_go(tracker, reason if tracker is self._tracker else "")
 
     def _hang_up(self) -> None:
         self._end_process()
