@@ -124,3 +124,10 @@ def test_an_arena_that_was_edited_in_a_simulation_is_saved(tmp_path: Path, opene
 def test_no_text_is_too_strange(text: str) -> None:
     file = following(text, move("nest", 1.0, 1.0), put("value", 1.0, name="nest"))
     assert "nest is at 1.0" in file.edited()
+
+
+@pytest.mark.parametrize("piece", ["<!--", "<![CDATA[", "<?", "<a b='", "<a ", "a", "<a/>", "<a>"])
+def test_a_recordings_text_of_a_megabyte_takes_no_minutes(piece: str) -> None:
+    """Each would, were what does not end looked through again from each of its beginnings."""
+    text = f"<a{piece * (1_000_000 // len(piece))}"
+    assert following(text, put("radius_m", 0.4, name="food")).edited().endswith(text[-80:])

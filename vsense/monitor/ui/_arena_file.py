@@ -21,10 +21,12 @@ from vsense.monitor.recording.form import ORDERS_TOPIC, Data
 from vsense.run.changing import ChangeKind
 
 _MARKUP = re.compile(
-    r"""<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>|<(?P<end>/?)(?P<name>[\w:.-]+)"""
-    r"""(?P<attributes>(?:"[^"]*"|'[^']*'|[^>"'])*?)(?P<empty>/?)>""",
+    r"""<(?:!--.*?(?:-->|\Z)|!\[CDATA\[.*?(?:\]\]>|\Z)|\?.*?(?:\?>|\Z))"""
+    r"""|<(?P<end>/?)(?P<name>[\w:.-]+)(?![\w:.-])"""
+    r"""(?P<attributes>(?:"[^"<]*"|'[^'<]*'|[^<>"'])*?)(?P<empty>/?)>""",
     re.DOTALL,
 )
+"""What does not end is looked at once: a recording may have any text for its file."""
 _QUOTED = re.compile(r"""(["'])(.*?)\1""", re.DOTALL)
 _VALUE = r"""(?<![\w:])%s\s*=\s*("[^"]*"|'[^']*')"""
 _ATTRIBUTES = {
@@ -100,15 +102,17 @@ class ArenaFile:
 
 def _from_anywhere(text: str, folder: Path) -> str:
     """The text in which files that lie in a folder are named by their whole paths."""
-    for tag, _ in reversed(list(_tags(text))):
+
+    def whole(match: re.Match[str]) -> str:
+        path = folder / html.unescape(match[2])
+        return quoteattr(str(path)) if match[2] and os.path.isfile(path) else match[0]
+
+    parts, done = list[str](), 0
+    for tag, _ in _tags(text):
         begin, end = tag.span("attributes")
-
-        def whole(match: re.Match[str]) -> str:
-            path = folder / html.unescape(match[2])
-            return quoteattr(str(path)) if match[2] and os.path.isfile(path) else match[0]
-
-        text = text[:begin] + _QUOTED.sub(whole, text[begin:end]) + text[end:]
-    return text
+        parts += text[done:begin], _QUOTED.sub(whole, text[begin:end])
+        done = end
+    return "".join([*parts, text[done:]])
 
 
 def _robot(name: str, change: Data) -> str:

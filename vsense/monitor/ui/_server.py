@@ -170,7 +170,8 @@ class Site:
             return _refusal("this page needs a token", True)
         file = self.clients.arena_file
         name = re.sub(r"[^\w.-]", "_", file.name) or "arena"
-        answer = web.Response(text=file.edited(), content_type="text/xml")
+        text = await asyncio.to_thread(file.edited)  # of a recording, which may be long
+        answer = web.Response(text=text, content_type="text/xml")
         answer.headers["Content-Disposition"] = f'attachment; filename="{name}-changed.argos"'
         return answer
 
