@@ -53,6 +53,7 @@ from vsense.vision.cameras.camera import Camera
 from vsense.vision.markers.families import load_family
 from vsense.vision.tracking import recorded_tracker
 from vsense.vision.tracking._node_rows import decode_expectation, decode_rows
+from vsense.vision.tracking._prediction import MarkerSearch
 from vsense.vision.tracking.node import CameraNode
 from vsense.vision.tracking.specs import GrabberSpec
 
@@ -123,7 +124,7 @@ READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "batteries": ("csv", battery_history.read),
     "capture times": ("csv", lambda path: read_timestamps(path, False)),
     "corners": ("csv", lambda path: read_corners(path, 24)),
-    "node's rows": ("node", lambda path: decode_rows(path.read_bytes(), 0, SEEN)),
+    "node's rows": ("node", lambda path: decode_rows(path.read_bytes(), 0, SEEN, SOUGHT)),
     "expectations for a node": ("node", lambda path: decode_expectation(path.read_bytes())),
     "setup for a node": ("setup", node_setup),
     "keys": ("text", keys.read),
@@ -143,6 +144,7 @@ def filled(piece: bytes, head: bytes = b"", tail: bytes = b"", size: int = 0) ->
 
 
 SEEN = [Camera.looking_down("a", 0.0, 0.0, 2.0, 500.0, (640, 480))]
+SOUGHT = [MarkerSearch(load_family("arrow4x4"), {31: 0.06})]
 
 
 def node() -> Hostile:

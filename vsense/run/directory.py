@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TextIO
 
 from vsense.base.errors import VsenseError, failing_as
-from vsense.base.terminal import Console, Level, print_data
+from vsense.base.terminal import Console, Level, print_data, printable_lines
 
 SUMMARY = "summary.json"
 SERIES = "series.json"
@@ -221,7 +221,7 @@ class RunLog(Console):
         super().say(text, level)
         now_s = time.time()
         clock = time.strftime("%H:%M:%S", time.localtime(now_s)) + f".{int(now_s * 1000) % 1000:03}"
-        self._write(f"{clock} {text}\n")
+        self._write(f"{clock} {printable_lines(text)}\n")
 
     def _write(self, line: str, close: bool = False) -> None:
         with self._writing:

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.conftest import require_tool
@@ -17,6 +18,8 @@ from tests.rigs.nodes import PERIOD_NS, RunningNode, Watched, central_file, draw
 from tests.rigs.places import ROOT
 from tests.rigs.processes import free_port
 from vsense.base.errors import VsenseError
+from vsense.vision.tracking._node_rows import Expectation, encode_expectation
+from vsense.vision.tracking._prediction import KNOWN
 
 zenoh = pytest.importorskip("zenoh", reason="pip install vsense[nodes]")
 pytestmark = pytest.mark.paced
@@ -155,6 +158,32 @@ def test_events_count_of_its_session_its_cameras_and_kinds_that_nodes_have(scene
     scene.watched.wait(lambda: bool(told()), "an event")
     (text,) = told()
     assert "cam_3" in text and len(text) < 1000, "and no text is longer than messages are"
+
+
+def test_expectations_that_no_tracker_has_do_not_end_a_node(scene: Scene) -> None:
+    """It looked for them, and ended: all its cameras were gone."""
+    nobody, nowhere = np.zeros(0, dtype=KNOWN), np.zeros(0)
+    for offset_ns, joined in ((-(2**63), []), (0, [(0, -5, 0.06)]), (0, [(0, 70_000, 0.06)])):
+        about = (scene.link.session, 10**9, 1, 0, offset_ns, True, None)
+        data = encode_expectation(Expectation(*about, nobody, nowhere, {}, joined))
+        scene.say("west/expect", data)
+    steps = len(scene.watched.steps)
+    scene.watched.wait(lambda: len(scene.watched.steps) > steps + 20, "timesteps")
+    scene.watched.wait_whole(4)
+
+
+def test_an_events_text_is_one_line_that_controls_nothing(scene: Scene) -> None:
+    said, forged = len(scene.watched.said), "zebra\n12:00:00 ROBOT 31 does NOT stop\x1b[2J"
+    event = json.dumps([scene.link.session, [[3, "gone", forged]]]).encode()
+    scene.say("west/events", event)
+    lines: list[str] = []
+
+    def told() -> bool:
+        lines[:] = [text for _, text in scene.watched.said[said:] if "zebra" in text]
+        return bool(lines)
+
+    scene.watched.wait(told, "an event")
+    assert "\n" not in lines[0] and "\x1b" not in lines[0] and r"\x1b[2J" in lines[0]
 
 
 def test_rows_that_were_heard_count_once(scene: Scene) -> None:

@@ -12,7 +12,9 @@ from hypothesis import strategies as st
 
 from vsense.base.arena import DETECTION, UNLISTED, Found
 from vsense.vision.cameras.camera import Camera
+from vsense.vision.markers.families import load_family
 from vsense.vision.tracking._node_rows import (
+    MOST_UNLISTED,
     Expectation,
     NodeError,
     SeenPicture,
@@ -22,11 +24,12 @@ from vsense.vision.tracking._node_rows import (
     encode_expectation,
     encode_rows,
 )
-from vsense.vision.tracking._prediction import KNOWN
+from vsense.vision.tracking._prediction import KNOWN, MarkerSearch
 
 CAMERAS = [
     Camera.looking_down(n, x, 0.0, 2.4, 1600.0, (600, 480)) for n, x in (("a", -1), ("b", 1))
 ]
+SEARCHES = 2 * [MarkerSearch(load_family("arrow4x4"), {31: 0.06})]
 SESSION = 0x1122334455667788
 
 
@@ -47,13 +50,14 @@ def seen(*pictures: SeenPicture, number: int = 7, session: int = SESSION) -> See
 
 
 def picture(camera: int, found: np.ndarray, tags: tuple[int, ...] = ()) -> SeenPicture:
-    unlisted = np.array([(tag, 0.5, -0.5) for tag in tags], dtype=UNLISTED)
+    x_m = (-0.75, 1.25)[min(camera, 1)]
+    unlisted = np.array([(tag, x_m, -0.25) for tag in tags], dtype=UNLISTED)
     return SeenPicture(camera, 1_000, Found(found, True, unlisted))
 
 
 def test_rows_come_as_they_went() -> None:
     sent = seen(picture(1, rows((10.5, 20.25), (599.4, 479.4))), picture(0, rows(), (7, 65_535)))
-    got = decode_rows(encode_rows(sent), SESSION, CAMERAS)
+    got = decode_rows(encode_rows(sent), SESSION, CAMERAS, SEARCHES)
     assert (got.number, got.sent_ns, got.echo_ns, got.held_ns) == (7, 5_000, 4_000, 300)
     for one, other in zip(sent.pictures, got.pictures, strict=True):
         assert one[:2] == other[:2] and one.found.full == other.found.full
@@ -87,6 +91,26 @@ def test_an_expectation_comes_as_it_went(gone: bool | None) -> None:
     assert (got.turns, list(got.joined)) == (sent.turns, list(sent.joined))
 
 
+@pytest.mark.parametrize(
+    "what",
+    [{"offset_ns": -(2**63)}, {"capture_ns": 2**63 - 1}, {"x_m": 1e5}, {"velocity": np.inf},
+     {"joined": [(0, 31, 1e300)]}],
+    ids=str,
+)  # fmt: skip
+def test_an_expectation_of_what_cannot_be_is_refused(what: dict[str, Any]) -> None:
+    known = np.zeros(1, dtype=KNOWN)
+    about: dict[str, Any] = {"capture_ns": 12, "offset_ns": -13, "joined": []}
+    for name, value in what.items():
+        if name in about:
+            about[name] = value
+        else:
+            known[name] = value
+    times = about["capture_ns"], about["offset_ns"]
+    it = Expectation(SESSION, 9, 11, *times, True, None, known, np.zeros(1), {}, about["joined"])
+    with pytest.raises(NodeError, match="an expectation"):
+        decode_expectation(encode_expectation(it))
+
+
 def test_the_bytes_by_hand() -> None:
     """Worked out by hand: little-endian, nothing between fields."""
     data = encode_rows(seen(picture(1, rows((10.5, 20.25)), (7,))))
@@ -94,7 +118,7 @@ def test_the_bytes_by_hand() -> None:
     one = struct.pack("<HBqHH", 1, 1, 1_000, 1, 1)
     covariance = (1e-8, 0, 0, 0, 1e-8, 0, 0, 0, 1e-6)
     marker = struct.pack("<i3d9d2f??", 31, 10.5, 20.25, 0.25, *covariance, 0.02, 9.0, True, False)
-    assert data == head + one + marker + struct.pack("<idd", 7, 0.5, -0.5)
+    assert data == head + one + marker + struct.pack("<idd", 7, 1.25, -0.25)
 
 
 BAD = {
@@ -108,7 +132,28 @@ BAD = {
 @pytest.mark.parametrize("words", BAD)
 def test_what_no_detector_says_is_refused(words: str) -> None:
     with pytest.raises(NodeError, match=words):
-        decode_rows(encode_rows(seen(picture(0, BAD[words]))), SESSION, CAMERAS)
+        decode_rows(encode_rows(seen(picture(0, BAD[words]))), SESSION, CAMERAS, SEARCHES)
+
+
+@pytest.mark.parametrize(
+    ("tag", "x_m", "y_m", "count", "words"),
+    [
+        (7, -0.75, -0.25, MOST_UNLISTED + 1, "expected at most 256"),
+        (70_000, -0.75, -0.25, 1, "does not have"),
+        (-1, -0.75, -0.25, 1, "does not have"),
+        (7, float("nan"), -0.25, 1, "where no robot is"),
+        (7, 1e300, -0.25, 1, "where no robot is"),
+        (7, 0.75, -0.25, 1, "outside of their picture"),
+        (7, 5e3, 5e3, 1, "outside of their picture"),
+    ],
+)
+def test_tags_of_no_roster_are_where_the_picture_shows_them(
+    tag: int, x_m: float, y_m: float, count: int, words: str
+) -> None:
+    unlisted = np.array(count * [(tag, x_m, y_m)], dtype=UNLISTED)
+    sent = seen(SeenPicture(0, 1_000, Found(rows(), True, unlisted)))
+    with pytest.raises(NodeError, match=words):
+        decode_rows(encode_rows(sent), SESSION, CAMERAS, SEARCHES)
 
 
 def test_another_session_version_or_camera_is_refused() -> None:
@@ -124,7 +169,7 @@ def test_another_session_version_or_camera_is_refused() -> None:
         (data[:-1], "shorter"),
     ):
         with pytest.raises(NodeError, match=words):
-            decode_rows(changed, SESSION, CAMERAS)
+            decode_rows(changed, SESSION, CAMERAS, SEARCHES)
 
 
 @given(st.binary(max_size=400), st.integers(0, 200), st.binary(min_size=1, max_size=8))
@@ -133,7 +178,7 @@ def test_any_bytes_are_rows_or_one_error(data: bytes, place: int, patch: bytes) 
     patched = whole[:place] + patch + whole[place + len(patch) :]
     for attempt in (data, whole[:60] + data, patched):
         for read in (
-            lambda d: decode_rows(d, SESSION, CAMERAS),
+            lambda d: decode_rows(d, SESSION, CAMERAS, SEARCHES),
             decode_expectation,
         ):
             try:

@@ -175,11 +175,9 @@ class Joining:
         places = _gather(cameras, listed)
         if not places:
             return []
-        named = list(zip(sightings["x_m"].tolist(), sightings["y_m"].tolist(), strict=True))
+        alone = _alone(places, np.stack((sightings["x_m"], sightings["y_m"]), axis=-1))
         for key, mine in places.items():
-            rest = [p for other, theirs in places.items() if other != key for p in theirs]
-            single = all(math.dist(mine[0], place) <= MERGE_M for place in mine[1:])
-            if single and all(math.dist(mine[0], other) > MERGE_M for other in [*rest, *named]):
+            if key in alone and all(math.dist(mine[0], place) <= MERGE_M for place in mine[1:]):
                 self._read(key, mine[0], now_ns)
             else:
                 self._candidates.pop(key, None)
@@ -236,6 +234,20 @@ def _gather(cameras: Iterable[UnlistedTags], listed: Collection[int]) -> dict[_K
             if tag not in listed:
                 places.setdefault((unlisted.family.name, tag), []).append((x_m, y_m))
     return places
+
+
+def _alone(places: Mapping[_Key, list[_Place]], named: Floats) -> set[_Key]:
+    """Returns the tags beside which nothing else was seen; `named` (n, 2) are the roster's."""
+    everywhere = [place for theirs in places.values() for place in theirs]
+    points = np.concatenate((np.array(everywhere).reshape(-1, 2), named))
+    begin, alone = 0, set[_Key]()
+    for key, mine in places.items():
+        near = np.hypot(*(points - mine[0]).T) <= MERGE_M
+        near[begin : begin + len(mine)] = False
+        begin += len(mine)
+        if not near.any():
+            alone.add(key)
+    return alone
 
 
 def _may_be_missing(family: MarkerFamily | SquareFamily, read: int, missing: Iterable[int]) -> bool:

@@ -24,6 +24,7 @@ from vsense.base.arena import Found, Image
 from vsense.base.errors import VsenseError
 from vsense.base.files import parse_json
 from vsense.base.native import ffi, lib
+from vsense.base.terminal import printable
 from vsense.vision.cameras._camera_array import CameraArray
 from vsense.vision.cameras.grabber import CameraEvent
 from vsense.vision.cameras.picture import PictureError, decode
@@ -304,7 +305,7 @@ class NodeLink:
         # A stranger's rows come by another thread than the node's.
         with self._news:
             try:
-                self._accept(decode_rows(data, self.session, self.cameras), now_ns)
+                self._accept(decode_rows(data, self.session, self.cameras, self.searches), now_ns)
             except NodeError as error:
                 self._refuse(str(error))
 
@@ -365,4 +366,4 @@ class NodeLink:
 
     def _note(self, camera: str, kind: str, text: str) -> None:
         with self._news:
-            self._events.append(CameraEvent(camera, kind, text))
+            self._events.append(CameraEvent(camera, kind, printable(text)))

@@ -18,13 +18,20 @@ from numpy.typing import NDArray
 from vsense.base.arena import DETECTION, UNLISTED, Found
 from vsense.base.errors import VsenseError
 from vsense.vision.cameras.camera import Camera
-from vsense.vision.tracking._prediction import KNOWN
+from vsense.vision.tracking._prediction import KNOWN, MarkerSearch
 
 NODE_FORMAT = 1
 """Of all messages between nodes and trackers; both ends have the same."""
 MOST_ROWS = 4096
 """Of one kind in one picture: more than a detector's tables hold."""
+MOST_UNLISTED = 256
+"""Tags of no roster in one picture: each is compared with all others."""
 _MOST_TAG = 65_535
+_MOST_NS = 2**62
+_FAR = 1e4
+"""[m, m/s, rad] No robot is so far away, or so fast."""
+_BESIDE_PICTURE_PX, _NEAR_M = 2.0, 0.05
+"""A tag of no roster is in its picture, and its place is found again from there: how exactly."""
 _BESIDE_PX = 0.5
 """A marker's centre is in its picture, whose pixels reach so far around their middles."""
 
@@ -123,8 +130,10 @@ def decode_expectation(data: bytes) -> Expectation:
     if place != len(data) or flags not in (0, 1, 2, 4, 5, 6):
         raise NodeError("an expectation that does not end where it says")
     values = [known_rows[name] for name in ("x_m", "y_m", "yaw_rad", "velocity", "height_m")]
-    if not all(np.isfinite(value).all() for value in (*values, joined_rows["height_m"])):
-        raise NodeError("an expectation with a place that is no number")
+    if not all((np.abs(value) <= _FAR).all() for value in (*values, joined_rows["height_m"])):
+        raise NodeError("an expectation with a place where no robot is")
+    if max(map(abs, (capture_ns, offset_ns))) > _MOST_NS:
+        raise NodeError("an expectation of a time that no clock has")
     tags = known_rows["tag"]
     if len(tags) and (tags.min() < 0 or tags.max() > _MOST_TAG or (np.diff(tags) <= 0).any()):
         raise NodeError("an expectation whose tags are not in their order")
@@ -148,8 +157,10 @@ def encode_rows(it: SeenRows) -> bytes:
     return b"".join(parts)
 
 
-def decode_rows(data: bytes, session: int, cameras: Sequence[Camera]) -> SeenRows:
-    """Reads the message of a node that has these cameras; raises NodeError."""
+def decode_rows(
+    data: bytes, session: int, cameras: Sequence[Camera], searches: Sequence[MarkerSearch]
+) -> SeenRows:
+    """Reads the message of a node whose cameras search so; raises NodeError."""
     head, place = _opened(data, _ROWS)
     sent_for, number, sent_ns, echo_ns, held_ns, count, *_ = head
     if sent_for != session:
@@ -164,7 +175,8 @@ def decode_rows(data: bytes, session: int, cameras: Sequence[Camera]) -> SeenRow
         found, place = _cut(data, place + _PICTURE.size, _DETECTION, sizes[0])
         unlisted, place = _cut(data, place, UNLISTED, sizes[1])
         rows = found.astype(DETECTION)
-        _check(rows, unlisted, cameras[camera])
+        _check(rows, cameras[camera])
+        _check_unlisted(unlisted, cameras[camera], searches[camera])
         seen = Found(rows, bool(full), unlisted.copy())
         pictures[camera] = SeenPicture(camera, capture_ns, seen)
     if place != len(data):
@@ -172,10 +184,10 @@ def decode_rows(data: bytes, session: int, cameras: Sequence[Camera]) -> SeenRow
     return SeenRows(session, number, sent_ns, echo_ns, held_ns, list(pictures.values()))
 
 
-def _check(rows: NDArray[np.void], unlisted: NDArray[np.void], camera: Camera) -> None:
+def _check(rows: NDArray[np.void], camera: Camera) -> None:
     """Raises NodeError for rows that no detector makes of a picture of that camera."""
     finite = [rows[name] for name in ("x_px", "y_px", "yaw_rad", "covariance", "error")]
-    if not all(np.isfinite(v).all() for v in (*finite, unlisted["x_m"], unlisted["y_m"])):
+    if not all(np.isfinite(value).all() for value in finite):
         raise NodeError("rows with a value that is no number")
     for axis, side in (("x_px", camera.width_px), ("y_px", camera.height_px)):
         if ((rows[axis] < -_BESIDE_PX) | (rows[axis] > side - _BESIDE_PX)).any():
@@ -183,9 +195,27 @@ def _check(rows: NDArray[np.void], unlisted: NDArray[np.void], camera: Camera) -
     variances = np.diagonal(rows["covariance"], axis1=1, axis2=2)
     if (variances < 0.0).any() or np.isnan(rows["margin"]).any():
         raise NodeError("rows whose errors cannot be")
-    for tags, least in ((rows["tag"], -1), (unlisted["tag"], 0)):
-        if len(tags) and (tags.min() < least or tags.max() > _MOST_TAG):
-            raise NodeError("rows of a tag that no marker has")
+    tags = rows["tag"]
+    if len(tags) and (tags.min() < -1 or tags.max() > _MOST_TAG):
+        raise NodeError("rows of a tag that no marker has")
+
+
+def _check_unlisted(rows: NDArray[np.void], camera: Camera, search: MarkerSearch) -> None:
+    """Raises NodeError for tags of no roster that a picture of that camera cannot show."""
+    if len(rows) > MOST_UNLISTED:
+        raise NodeError(f"{len(rows)} tags of no roster, expected at most {MOST_UNLISTED}")
+    tags, places = rows["tag"], np.stack((rows["x_m"], rows["y_m"]), axis=-1)
+    if len(tags) and (tags.min() < 0 or tags.max() >= search.family.tags):
+        raise NodeError(f"rows of a tag that the family {search.family.name} does not have")
+    if not (np.abs(places) <= _FAR).all():
+        raise NodeError("rows of a place where no robot is")
+    points = np.column_stack((places, np.full(len(places), search.height_m)))
+    with np.errstate(all="ignore"):  # what is beside a camera, or behind it, has no pixel
+        pixels = camera.project(points)
+        again = camera.to_plane(pixels, search.height_m)
+    off_m = np.abs(again - places).max(axis=-1, initial=0.0)
+    if not (camera.contains(pixels, -_BESIDE_PICTURE_PX) & (off_m <= _NEAR_M)).all():
+        raise NodeError("rows of tags outside of their picture")
 
 
 def _opened(data: bytes, kind: int) -> tuple[list[int], int]:

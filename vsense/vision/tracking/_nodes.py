@@ -279,7 +279,8 @@ class NodeDetector:
         for link, replies in asked:
             data = answer_of(replies, link.name)
             link.counts["bytes from it"] += len(data)
-            for seen in decode_rows(data, link.session, link.cameras).pictures:
+            rows = decode_rows(data, link.session, link.cameras, link.searches)
+            for seen in rows.pictures:
                 answers[link.cameras[seen.camera].id] = seen.found
         if missing := {p.camera.id for p in pictures} - answers.keys():
             raise VsenseError(f"camera {min(missing)}: its node says nothing of its picture")

@@ -29,9 +29,10 @@ from vsense.vision.cameras.grabber import CameraEvent, Grabber
 from vsense.vision.cameras.health import Health
 from vsense.vision.cameras.picture import PictureError
 from vsense.vision.tracking._detector import CameraDetectors
-from vsense.vision.tracking._node_link import EVENT_KINDS, families_of
+from vsense.vision.tracking._node_link import EVENT_KINDS
 from vsense.vision.tracking._node_rows import (
     MOST_ROWS,
+    MOST_UNLISTED,
     NODE_FORMAT,
     Expectation,
     NodeError,
@@ -60,12 +61,11 @@ from vsense.vision.tracking.recorded_tracker import seen_by
 from vsense.vision.tracking.specs import Resources
 
 POLL_S, REACH_NS = 0.2, 2_000_000_000
-HOLD_NS = 2_000_000_000
-"""A tracker that was heard so lately keeps its node."""
-IDLE_NS = 30_000_000_000
-"""A tracker that says nothing for so long is gone."""
-PREVIEW_NS, PREVIEW_PX, _QUALITY = 1_000_000_000, 405, 60
-_KEPT, _READERS = 8, 2
+HOLD_NS, IDLE_NS = 2_000_000_000, 30_000_000_000
+"""A tracker that was heard so lately keeps its node; one that says nothing for so long is gone."""
+PREVIEW_NS, PREVIEW_PX, _QUALITY, _KEPT, _READERS = 1_000_000_000, 405, 60, 8, 2
+_UNSERVED = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, cv2.error)
+"""What a setup or a question raises that no tracker has."""
 
 
 class NodeService:
@@ -81,10 +81,7 @@ class NodeService:
     def __init__(
         self, setup: dict[str, Any], resources: Resources, clock: Callable[[], int]
     ) -> None:
-        """Opens what a tracker asks for; VsenseError where it is not here.
-
-        KeyError, TypeError, ValueError, AttributeError where no tracker asks so.
-        """
+        """Opens what a tracker asks for; VsenseError: it is not here. No tracker's: `_UNSERVED`."""
         if setup["format"] != NODE_FORMAT:
             formats = f"the tracker's format is {setup['format']}, this is {NODE_FORMAT}"
             raise NodeError(f"{formats}: expected the same vsense on both computers")
@@ -94,15 +91,15 @@ class NodeService:
         self.numbers = {camera.id: number for number, camera in enumerate(self.cameras)}
         self.heard_ns = clock()
         self.newest: tuple[Expectation, int] | None = None
-        self._families = families_of(searches)
+        self._tags = {search.family.name: search.family.tags for search in searches}
         self._clock, self._prediction = clock, Prediction(plan)
         self._recordings: list[CameraRecording] = []
         self._images = [OrderedDict[int, Image]() for _ in self.cameras]
         self._reading = [threading.Lock() for _ in self.cameras]
         self._checked_ns = -CHECK_NS
         heights_m = {tag: h for search in searches for tag, h in search.heights_m.items()}
-        if len(heights_m) > MOST_ROWS:
-            raise NodeError(f"{len(heights_m)} tags, expected at most {MOST_ROWS}")
+        if (count := len(heights_m)) > MOST_ROWS:
+            raise NodeError(f"{count} tags, expected at most {MOST_ROWS}")
         # With more processors there may be more nodes, which would all take the first two.
         self._workers = Workers(2, pin=cv2.getNumberOfCPUs() <= 2)
         self._health = Health(self.cameras, heights_m)
@@ -168,10 +165,10 @@ class NodeService:
         last = -1 if self.newest is None else self.newest[0].number
         if expectation.session != self.session or expectation.number <= last:
             raise NodeError("an expectation of another session, or one that came before")
-        families = [family for family, *_ in expectation.joined]
-        cameras = max(expectation.turns, default=0)
-        if cameras >= len(self.cameras) or max(families, default=0) >= len(self._families):
-            raise NodeError("an expectation of a camera or a family that is not here")
+        tags, camera = list(self._tags.values()), max(expectation.turns, default=0)
+        joined = all(f < len(tags) and 0 <= t < tags[f] for f, t, _ in expectation.joined)
+        if camera >= len(self.cameras) or not joined:
+            raise NodeError("an expectation of a camera, a family or a tag that is not here")
         self.heard_ns = self._clock()
         self.newest = expectation, self.heard_ns
 
@@ -182,15 +179,14 @@ class NodeService:
             self._learn(self.newest[0])
         prediction.foresee(capture_ns)
         cameras = [self.cameras[self.numbers[frame.camera]] for frame in frames]
-        detected = self._detector.detect_all(
-            [Picture(f.image, camera) for f, camera in zip(frames, cameras, strict=True)]
-        )
+        pictures = [Picture(f.image, c) for f, c in zip(frames, cameras, strict=True)]
+        detected = self._detector.detect_all(pictures)
         found = []
         for frame, (rows, full) in zip(frames, detected, strict=True):
             there = prediction.unlisted.get(frame.camera)
             pairs = [] if there is None else zip(there.tags.tolist(), there.places.tolist())
             unlisted = np.array([(tag, *place) for tag, place in pairs], dtype=UNLISTED)
-            found.append(Found(rows, full, unlisted))
+            found.append(Found(rows, full, unlisted[:MOST_UNLISTED]))
         return found
 
     def _learn(self, expectation: Expectation) -> None:
@@ -198,9 +194,9 @@ class NodeService:
         heights_m = dict(zip(tags, expectation.heights_m.tolist(), strict=True))
         for number, (turn, _) in expectation.turns.items():
             prediction.turns[self.cameras[number].id] = turn
-        joined = dict.fromkeys(self._families, tuple[int, ...]())
+        families, joined = list(self._tags), dict.fromkeys(self._tags, tuple[int, ...]())
         for number, tag, _ in expectation.joined:
-            joined[self._families[number]] += (tag,)
+            joined[families[number]] += (tag,)
         prediction.adopt(
             expectation.known, heights_m, expectation.is_key_frame, expectation.gone, joined
         )
@@ -280,7 +276,11 @@ class CameraNode:
                 self._open(self._queries.get(timeout=0.0 if live else POLL_S))
             except queue.Empty:
                 if live and service is not None:
-                    self._serve(service)
+                    try:
+                        self._serve(service)
+                    except (VsenseError, *_UNSERVED) as error:
+                        self._say(f"cannot look for this tracker: {error}; waiting for the next")
+                        self._drop()
 
     def close(self) -> None:
         """Leaves the network and lets the cameras go."""
@@ -304,7 +304,7 @@ class CameraNode:
         except VsenseError as error:
             refuse(query, str(error))
             return
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
+        except _UNSERVED as error:
             refuse(query, f"asked for what is no setup of a tracker: {error!r}")
             return
         reply(query, present.answer())
@@ -377,7 +377,7 @@ class CameraNode:
             service.heard_ns = self._clock()
         except VsenseError as error:
             refuse(query, str(error))
-        except (KeyError, TypeError, ValueError, IndexError) as error:
+        except _UNSERVED as error:
             refuse(query, f"asked for what it does not have: {error!r}")
         else:
             reply(query, data)

@@ -23,6 +23,7 @@ from typing import Any
 
 from vsense.base import errors
 from vsense.base.errors import UsageError, VsenseError
+from vsense.base.terminal import printable
 
 OPEN_S = 10.0
 """A session that takes longer is not to be had: Zenoh can wait for memory for ever."""
@@ -207,7 +208,7 @@ def answer_of(replies: Any, node: str) -> bytes:
             text = reply.err.payload.to_bytes().decode(errors="replace")
             if text == "Timeout":  # Zenoh's own answer
                 raise VsenseError(f"node {node} does not answer")
-            raise NodeRefusal(f"node {node}: {text}")
+            raise NodeRefusal(f"node {node}: {printable(text[:300])}")
     except VsenseError:
         raise
     except Exception as error:
