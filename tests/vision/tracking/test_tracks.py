@@ -197,3 +197,17 @@ def test_a_capture_time_that_stands_still_divides_nothing_by_zero() -> None:
     assert one.follow(5, at(0.01)) == 0
     pose = one.pose(5 * STEP_NS)
     assert pose["seen"] and pose["speed_m_s"] == 0.0
+
+
+@pytest.mark.parametrize("elapsed_ns", [1, 1_000_000, 5_000_000, 50_000_000])
+def test_two_sightings_soon_after_each_other_fling_nobody_away(elapsed_ns: int) -> None:
+    """Two pictures of one moment, or a node's that says so: 2 cm apart, within reach."""
+    one = One(at(0.0))
+    seen = np.zeros(1, dtype=VIEW)
+    seen["tag"], seen["cameras"], seen["covariance"] = TAG, 1, SPREAD
+    seen["capture_ns"], seen["x_m"], seen["yaw_rad"] = elapsed_ns, 0.02, 0.1
+    one.tracks.update(seen)
+    pose = one.pose(elapsed_ns + STEP_NS)
+    assert pose["speed_m_s"] <= LIMITS.max_speed_m_s * 1.000001
+    assert abs(pose["x_m"] - 0.02) <= LIMITS.max_speed_m_s * 0.1 * 1.000001
+    assert abs(pose["yaw_rad"]) < math.pi / 2 or elapsed_ns >= 5_000_000

@@ -20,6 +20,8 @@ from vsense.vision.tracking._views import HEIGHT_DOUBT_M, VIEW, covariances
 _LATER_S = 0.1
 """So much later than its picture a row may be exposed."""
 _NEW_VELOCITY = 0.6
+_LEAST_ELAPSED_S = 0.004
+"""Between two sightings: in less a marker's error alone is a speed of metres per second."""
 _HELD_SHARE = 0.3
 _ANY_YAW = math.pi**2 / 3.0
 """Variance of a heading of which nothing is known."""
@@ -161,11 +163,13 @@ class RobotTracks:
         tracks = self.rows[rows]
         last = tracks["last"]
         elapsed = 1e-9 * (now["capture_ns"] - last["capture_ns"])
-        moved = elapsed > 0.0
+        moved = elapsed >= _LEAST_ELAPSED_S
         way = np.stack((now["x_m"] - last["x_m"], now["y_m"] - last["y_m"]), axis=-1)
         turn = wrap_angle(now["yaw_rad"] - last["yaw_rad"])
         keep, since = 1.0 - _NEW_VELOCITY, np.where(moved, elapsed, 1.0)
         velocity = keep * tracks["velocity_m_s"] + _NEW_VELOCITY * (way / since[:, np.newaxis])
+        most = self._limits.max_speed_m_s
+        velocity *= (most / np.maximum(np.hypot(*velocity.T), most))[:, np.newaxis]
         tracks["velocity_m_s"] = np.where(moved[:, np.newaxis], velocity, tracks["velocity_m_s"])
         turning = keep * tracks["turn_rad_s"] + _NEW_VELOCITY * (turn / since)
         tracks["turn_rad_s"] = np.where(moved, turning, tracks["turn_rad_s"])
