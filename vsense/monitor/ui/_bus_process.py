@@ -6,11 +6,13 @@ newest one waits, so a slow process skips and never lags; a thread sends them.
 
 The process is a Python module whose standard input is the link to its parent (`ParentLink`). What
 it is to do comes first. It answers ("ready", value) or ("failed", reason); then messages come, and
-it may send pairs of its own. It ends when its input ends.
+it may send pairs of its own, as JSON: it faces strangers, and nothing of it is unpickled here. It
+ends when its input ends.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import resource
 import socket
@@ -33,6 +35,7 @@ MEMORY_BYTES, DESCRIPTORS = 2 << 30, 256
 _NICE = 5
 _EVENTS = 200
 _WAKE_S = 0.1
+_MOST_HEARD = 1 << 20
 _START_S, _END_S = 20.0, 3.0
 
 Heard = list[tuple[str, Any]]
@@ -93,7 +96,7 @@ class BusProcess:
                 value = f"it has not begun within {_START_S:g} s"
                 if self._link.poll(_START_S):
                     value = "its process has ended"
-                    kind, value = self._link.recv()
+                    kind, value = self._hear()
             if kind != "ready":
                 raise VsenseError(str(value))
             undone.pop_all()
@@ -114,6 +117,11 @@ class BusProcess:
         self._thread.join(_END_S)
         self._end()
 
+    def _hear(self) -> tuple[str, Any]:
+        """Reads a pair; EOFError, OSError: the process has ended."""
+        kind, value = json.loads(self._link.recv_bytes(_MOST_HEARD))
+        return str(kind), value
+
     def _receive(self, message: Message) -> None:
         """Takes a message of the bus; does not wait."""
         with self._news:
@@ -130,7 +138,7 @@ class BusProcess:
                 messages = sorted(self._next(), key=lambda message: message.topic != first)
                 heard: Heard = []
                 while self._link.poll():
-                    heard.append(self._link.recv())
+                    heard.append(self._hear())
                 # Before anything is sent: to a process that has ended nothing can be.
                 if reasons := [reason for kind, reason in heard if kind == "failed"]:
                     raise VsenseError(reasons[0])
@@ -190,9 +198,9 @@ class ParentLink:
                 self.send("failed", str(error) or type(error).__name__)
 
     def send(self, kind: str, value: object) -> None:
-        """Sends a pair."""
+        """Sends a pair, of which the value has a form in JSON."""
         with self._lock:
-            self._connection.send((kind, value))
+            self._connection.send_bytes(json.dumps((kind, value)).encode())
 
     def messages(self, wait_s: float | None = None) -> list[Message]:
         """What has come; waits for the first. EOFError: the parent has ended."""

@@ -149,7 +149,7 @@ class FoxgloveService:
             wanted = self._sources()
             if wanted != self._wanted:
                 self._wanted = wanted
-                self._link.send("wants", wanted)
+                self._link.send("wants", sorted(wanted))
 
     def _take(self, message: Message) -> None:
         """Passes on a message of ours, and what follows from it."""

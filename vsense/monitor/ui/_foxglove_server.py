@@ -142,8 +142,9 @@ class FoxgloveServer:
 
     def _hear(self, kind: str, value: Any) -> None:
         if kind == "wants":
-            self._owes = self._owes or not value <= self._wanted
-            self._wanted = value
+            wanted = frozenset(map(str, value))
+            self._owes = self._owes or not wanted <= self._wanted
+            self._wanted = wanted
         else:
             for name, number in value:
                 self._order(OrderKind(name), number)
