@@ -34,7 +34,7 @@ def add_experiment(parser: argparse.ArgumentParser, stage: Stage) -> None:
     _arguments.add_experiment_name(parser)
     text = (
         "only say what the experiment holds, what of its file is not supported, and how many"
-        " bytes a robot is sent and sends"
+        " bytes a robot is sent and sends; its own Python is loaded, as in a run"
     )
     _arguments.flag(parser, "--dry", text)
     _arguments.flag(

@@ -227,6 +227,21 @@ def test_the_newest_of_several_lines_is_given(listener: ArenaListener, tracker: 
     assert state.robots["x_m"][0] == pytest.approx(0.2)
 
 
+def test_a_clock_that_is_set_back_is_told_once(
+    listener: ArenaListener, tracker: Tracker, told: Told, clock: Clock
+) -> None:
+    """From then on all lines seem to be old: robots stand, and somebody should know why."""
+    theirs_ns = 5_000_000_000
+    for timestep in range(1, 41):
+        clock.advance(100 * MS)
+        theirs_ns += 100 * MS - (2000 * MS if timestep == 10 else 0)
+        line = {"timestep": timestep, "capture_ns": theirs_ns, "robots": []}
+        tracker.write(json.dumps(line))
+        listener.next(PATIENCE_S)
+    (line,) = (line for line in told.lines if "s old" in line)
+    assert "its lines are 2.0 s old, robots stand: " in line and "its clock was set back" in line
+
+
 def test_a_bad_line_is_answered_and_the_next_one_is_good(
     listener: ArenaListener, tracker: Tracker, told: Told
 ) -> None:

@@ -157,6 +157,8 @@ lines wait."""
 TOLD_MAX = 3
 """Bad lines of one connection that a person gets to see; the tracker gets all."""
 
+_LATE_NS, _LATE_LINES = 500_000_000, 10
+"""So many lines in a row of pictures that are older are told: robots stand for older readings."""
 _JUMP_MAX = 100_000
 _CHUNK = 65_536
 
@@ -180,7 +182,7 @@ class Writer:
         self.inbox = LineInbox()
         self.clock = SenderClock()
         self.timestep: int | None = None
-        self.bad = 0
+        self.bad = self.late = 0
 
 
 class ArenaListener(TrackerLink):
@@ -348,7 +350,13 @@ class ArenaListener(TrackerLink):
         step = 1 if tracker.timestep is None else line.timestep - tracker.timestep
         tracker.timestep = line.timestep
         self.counters.states += 1
-        return self.repair.follow(line.robots, step, tracker.clock.host_ns(line, now_ns))
+        capture_ns = tracker.clock.host_ns(line, now_ns)
+        tracker.late = tracker.late + 1 if now_ns - capture_ns > _LATE_NS else 0
+        if tracker.late == _LATE_LINES:
+            old = f"{(now_ns - capture_ns) / 1e9:.1f} s old"
+            why = "it is slow, or its clock was set back and it must connect again"
+            self._say_of(tracker, f": its lines are {old}, robots stand: {why}")
+        return self.repair.follow(line.robots, step, capture_ns)
 
     def _reject(self, tracker: Writer, number: int, error: str) -> None:
         self.counters.bad_lines += 1
