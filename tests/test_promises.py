@@ -112,7 +112,11 @@ PROMISES: Mapping[str, Tests] = {
         f"{NODES}rows_that_were_heard_count_once",
         f"{NODES}rows_of_other_times_and_sessions_are_refused",
         f"{NODES}a_node_that_nobody_has_listed_gives_nothing",
+        f"{NODES}expectations_that_no_tracker_has_do_not_end_a_node",
+        f"{NODES}an_events_text_is_one_line_that_controls_nothing",
         "vision/tracking/test_node_rows.py::test_any_bytes_are_rows_or_one_error",
+        "vision/tracking/test_node_rows.py::"
+        "test_tags_of_no_roster_are_where_the_picture_shows_them",
     ),
     "With certificates only nodes": (
         f"{NODES}the_pages_certificates_let_the_labs_nodes_in_and_nobody_else",
@@ -167,6 +171,7 @@ PORTS: Mapping[str, tuple[str, Tests]] = {
     "motion capture": (
         "",
         (
+            "robots/link/test_mocap.py::test_the_librarys_own_mock_system",
             "robots/link/test_mocap.py::"
             "test_bodies_of_optitrack_vanish_come_back_and_change_their_order",
         ),
