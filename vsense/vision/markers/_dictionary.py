@@ -126,7 +126,7 @@ def parse_square(file: str, values: dict[str, Any]) -> SquareFamily:
         disc_diameter_mm=float(values["disc_diameter_mm"]),
         centre_mm=(float(centre[0]), float(centre[1])),
     )
-    if not min(family.size_mm, family.disc_diameter_mm) > 0.0:
+    if not all(0.0 < length < math.inf for length in (family.size_mm, family.disc_diameter_mm)):
         raise FamilyError(f"{file}: size_mm and disc_diameter_mm must be positive")
     if not math.isfinite(family.heading_deg):
         raise FamilyError(f"{file}: heading_deg: {family.heading_deg} is not an angle")

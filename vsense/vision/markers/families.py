@@ -381,7 +381,8 @@ def _parse_arrow(values: dict[str, Any]) -> MarkerFamily:
 
 
 def _check(file: str, family: MarkerFamily) -> None:
-    if not min(family.unit_mm, family.cell_mm, family.disc_diameter_mm) > 0.0:
+    lengths = family.unit_mm, family.cell_mm, family.disc_diameter_mm
+    if not all(0.0 < length < math.inf for length in lengths):
         raise FamilyError(f"{file}: unit_mm, cell_mm and disc_diameter_mm must be positive")
     if not 1 <= family.grid <= 5:
         raise FamilyError(f"{file}: grid: {family.grid} is not 1 to 5")

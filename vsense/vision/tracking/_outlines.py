@@ -19,7 +19,14 @@ from numpy.typing import NDArray
 from vsense.base.arena import Floats
 from vsense.base.native import kernel_ffi, kernels
 from vsense.vision.markers._dictionary import FamilyError
-from vsense.vision.markers.families import BLURS_U, SPOTS, MarkerFamily, SquareFamily, normal_share
+from vsense.vision.markers.families import (
+    BLURS_U,
+    SPOTS,
+    FamilyError,
+    MarkerFamily,
+    SquareFamily,
+    normal_share,
+)
 
 Pass = tuple[float, int, int, float, float]
 """How far to look [u], in how many steps, every how many samples, the least coverage and the
@@ -186,13 +193,22 @@ def _fill(x: Any, y: Any, points: Floats) -> None:
 
 
 def sample_outline(shape: OutlineShape) -> tuple[Floats, Floats]:
-    """Returns (n, 2) points along an outline, away from its corners, and their normals [mm]."""
-    points, normals = [], []
+    """Returns (n, 2) points along an outline, away from its corners, and their normals [mm].
+
+    Raises:
+        FamilyError: the outline is so long that it needs more than the kernel takes.
+    """
+    points, normals, left = [], [], int(kernels.VS_OUTLINE_SAMPLES)
     margin = _CORNER_U * shape.unit_mm
     for start, end in zip(shape.polygon_mm, np.roll(shape.polygon_mm, -1, axis=0), strict=True):
         length = float(np.hypot(*(end - start)))
         ahead = (end - start) / length
-        count = max(2, round((length - 2.0 * margin) / shape.spacing_mm) + 1)
+        left -= (count := max(2, round(min((length - 2.0 * margin) / shape.spacing_mm, left)) + 1))
+        if left < 0:
+            raise FamilyError(
+                f"marker family {shape.name}: its outline needs more than"
+                f" {kernels.VS_OUTLINE_SAMPLES} samples, {shape.spacing_mm:g} mm apart"
+            )
         along = np.roll(np.linspace(margin, length - margin, count), -shape.first)
         points.append(start + along[:, np.newaxis] * ahead)
         normals.append(np.tile((ahead[1], -ahead[0]), (count, 1)))
