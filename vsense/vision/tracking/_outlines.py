@@ -19,14 +19,7 @@ from numpy.typing import NDArray
 from vsense.base.arena import Floats
 from vsense.base.native import kernel_ffi, kernels
 from vsense.vision.markers._dictionary import FamilyError
-from vsense.vision.markers.families import (
-    BLURS_U,
-    SPOTS,
-    FamilyError,
-    MarkerFamily,
-    SquareFamily,
-    normal_share,
-)
+from vsense.vision.markers.families import BLURS_U, SPOTS, MarkerFamily, SquareFamily, normal_share
 
 Pass = tuple[float, int, int, float, float]
 """How far to look [u], in how many steps, every how many samples, the least coverage and the
