@@ -13,9 +13,10 @@ import json
 import os
 import platform
 import re
+import stat
 import subprocess
 import zipfile
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -26,8 +27,9 @@ from vsense.base.files import MOST_FILE_BYTES, PACKAGE_FOLDER, read_bytes, repla
 from vsense.config.specs import Experiment
 from vsense.modes.sim import fingerprint
 from vsense.modes.sim.job import Setup
+from vsense.robots import finding
 from vsense.robots.compiling import native
-from vsense.robots.sources import commit, headers, source_roots
+from vsense.robots.sources import HOSTED, commit, headers, source_roots
 
 ARCHIVE_STEM = "made"
 """What the file's name begins with."""
@@ -101,12 +103,15 @@ def keep(
         rows: of the table of runs, so far.
     """
     try:
-        data = _packed(mode, list(experiments), setups or {}, map(Path, more_files))
+        named, private = _named(list(experiments), map(Path, more_files))
+        if private:
+            say(f"vsense: not kept, as others may not read it: {', '.join(map(str, private))}")
+        data = _packed(mode, named, setups or {})
         there = kept_in(folder, stem)
         if there and read_bytes(there[-1][1], _MOST_KEPT) == data:
             return
         name = f"{stem}-{rows}.zip" if there else f"{stem}.zip"
-        replace_bytes(folder / name, data)
+        replace_bytes(folder / name, data, _mode_of(named))
     except (OSError, VsenseError) as error:
         say(f"vsense: what the runs were made from is not kept: {error}")
 
@@ -158,7 +163,7 @@ def is_of(kept: RunOrigin, experiments: Sequence[Experiment], setup: Setup) -> b
     Raises:
         OSError: a file cannot be read.
     """
-    named = _named(experiments)
+    named, _ = _named(experiments)
     users = {name for name in named if not name.startswith(PACKAGE_PREFIX)}
     shape = (setup.duration_s, setup.robots, setup.blind, [*setup.settings])
     # vsense 0.1 did not keep packages that Python imports, nor the second name of `import a, b`.
@@ -174,22 +179,41 @@ def is_of(kept: RunOrigin, experiments: Sequence[Experiment], setup: Setup) -> b
     )
 
 
+def _used(experiment: Experiment) -> list[Path]:
+    """The files that an experiment was read from, without the headers of its programs."""
+    loop, floor = experiment.loop_functions, experiment.floor
+    sources = [path for controller in experiment.controllers for path in controller.sources]
+    sources += [] if loop is None or loop.program is None else loop.program.sources
+    others = (loop and loop.path, floor and floor.path, experiment.casting.roster)
+    return [experiment.path, *sources, *(Path(path) for path in others if path)]
+
+
 def files_of(experiment: Experiment) -> list[Path]:
     """The files that an experiment is made from, as far as they can be found without a compiler;
     of vsense's own those that it names, no headers."""
-    loop = experiment.loop_functions
+    loop, used = experiment.loop_functions, _used(experiment)
     programs = [controller.program for controller in experiment.controllers]
-    files = dict.fromkeys(fingerprint.named_files(experiment.path))
-    if loop is not None:
-        files.update(dict.fromkeys(fingerprint.named_files(loop.path)))
-        programs += [] if loop.program is None else [loop.program]
+    programs += [] if loop is None or loop.program is None else [loop.program]
+    files = dict.fromkeys([*used, *_own_files(experiment.path, used)])
+    files.update(dict.fromkeys([] if loop is None else _own_files(loop.path, used)))
     for program in programs:
-        files.update(dict.fromkeys(program.sources))
-        used = headers(program.sources, program.includes)
-        files.update(dict.fromkeys(path for path in used if _own_name(path) is None))
-    if experiment.casting.roster:
-        files[Path(experiment.casting.roster)] = None
+        included = headers(program.sources, program.includes)
+        files.update(dict.fromkeys(path for path in included if _own_name(path) is None))
     return list(files)
+
+
+def _own_files(path: Path, used: Iterable[Path] = ()) -> list[Path]:
+    """What a file names beside or below it, or in its repository, and modules that `used` ones may
+    import: a stranger's file may name any of this account's."""
+    folder = path.resolve().parent
+    root = finding.root_of(folder) or folder
+    places = [root, *(program.resolve().parent for program in used if program.suffix in HOSTED)]
+
+    def is_own(file: Path) -> bool:
+        own = places if file.suffix in HOSTED else [root]
+        return any(map(file.resolve().is_relative_to, own)) or _own_name(file) is not None
+
+    return list(filter(is_own, fingerprint.named_files(path)))
 
 
 def about_machine() -> dict[str, str]:
@@ -209,13 +233,7 @@ def about_machine() -> dict[str, str]:
     }
 
 
-def _packed(
-    mode: str,
-    experiments: Sequence[Experiment],
-    setups: Mapping[str, Setup],
-    more_files: Iterable[Path],
-) -> bytes:
-    named = _named(experiments, more_files)
+def _packed(mode: str, named: Mapping[str, Path], setups: Mapping[str, Setup]) -> bytes:
     facts = {
         "format": ORIGIN_FORMAT,
         "mode": mode,
@@ -234,14 +252,26 @@ def _packed(
     return target.getvalue()
 
 
-def _named(experiments: Sequence[Experiment], more_files: Iterable[Path] = ()) -> dict[str, Path]:
-    """The files to keep by their names in an archive."""
-    candidates = dict.fromkeys([*(p for e in experiments for p in files_of(e)), *more_files])
+def _mode_of(named: Mapping[str, Path]) -> int | None:
+    """Who may read what has these files: nobody who may not read each; None: as the umask says."""
+    mode = 0o644
+    for path in named.values():
+        mode &= path.stat().st_mode
+    return None if mode == 0o644 else mode | 0o600
+
+
+def _named(
+    experiments: Sequence[Experiment], more_files: Iterable[Path] = ()
+) -> tuple[dict[str, Path], list[Path]]:
+    """The files to keep by their names in an archive, and those that are left out as private."""
+    asked = [path for e in experiments for path in _used(e)] + list(more_files)
+    candidates = dict.fromkeys([*asked, *(p for e in experiments for p in files_of(e))])
     for path in [path for path in candidates if path.suffix == ".xml"]:
-        candidates.update(dict.fromkeys(fingerprint.named_files(path)))
+        candidates.update(dict.fromkeys(_own_files(path)))
     # Where its folder truly is, under its own name: names in an experiment are beside that.
     paths = dict.fromkeys(Path(os.path.realpath(path.parent), path.name) for path in candidates)
-    return _names(_public(paths))
+    public, private = _public(paths, set(map(os.path.realpath, asked)))
+    return _names(public), private
 
 
 def _absolute(setup: Setup) -> dict[str, Any]:
@@ -251,16 +281,21 @@ def _absolute(setup: Setup) -> dict[str, Any]:
     return asdict(replace(setup, experiment=name, code=setup.code.absolute(here)))
 
 
-def _public(paths: Iterable[Path]) -> list[Path]:
-    """Files but for those that hold secrets, cannot be read, or are no files to keep."""
-    files = []
+def _public(paths: Iterable[Path], asked: Collection[str]) -> tuple[list[Path], list[Path]]:
+    """Files but for those that hold secrets, cannot be read, or are no files to keep; and those
+    that others may not read. Of those `asked` for by a person or the parser none is private."""
+    files, private = [], []
     for path in list(paths)[:MOST_FILES]:
         with suppress(OSError):
-            if path.suffix in _SECRETS or path.stat().st_size > MOST_FILE_BYTES:
+            status = path.stat()
+            if path.suffix in _SECRETS or status.st_size > MOST_FILE_BYTES:
                 continue
-            if not _SECRET.search(read_bytes(path)):
+            is_open = os.path.realpath(path) in asked or status.st_mode & stat.S_IROTH
+            if not is_open and _own_name(path) is None:
+                private.append(path)
+            elif not _SECRET.search(read_bytes(path)):
                 files.append(path)
-    return files
+    return files, private
 
 
 def _names(paths: Iterable[Path]) -> dict[str, Path]:

@@ -101,7 +101,7 @@ def named(
 
 def repository_of(source: Path) -> _cmake.Repository | None:
     """The repository that a source is part of; None: nothing says where it begins."""
-    root = _root(source.parent)
+    root = root_of(source.parent)
     return None if root is None or root == source.parent else repository_at(root)
 
 
@@ -185,10 +185,10 @@ def _roots(library: str, folder: Path) -> list[Path]:
     path = (folder / os.path.expanduser(library)).resolve() if "/" in library else None
     if path is not None:
         places += [next((p for p in path.parents if os.path.isdir(p)), folder)]
-    return list(dict.fromkeys(root for place in places if (root := _root(place)) is not None))
+    return list(dict.fromkeys(root for place in places if (root := root_of(place)) is not None))
 
 
-def _root(place: Path) -> Path | None:
+def root_of(place: Path) -> Path | None:
     """The topmost folder of a repository; the place itself where nothing says which."""
     root = place
     for path in (place, *list(place.parents)[:_MAX_UP]):

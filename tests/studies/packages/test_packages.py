@@ -26,6 +26,8 @@ from vsense.studies.packages import _archive, _contents
 from vsense.studies.packages._archive import MANIFEST, manifest_of
 from vsense.studies.packages._places import is_own
 
+LOOP = PACKAGE_FOLDER / "config/experiments/phototaxis.py"
+
 PLAN = """
 mode = "sim"
 experiment = "foraging"
@@ -79,6 +81,33 @@ def test_a_campaigns_table_may_have_a_series_name(
     assert json.loads(capsys.readouterr().out)["lacks"] == [], "simulated again, not recorded"
     assert any("/sources-" in name for name in files_of(target)), "what it was made from"
     assert cli.main(["reproduce", str(target), "-o", str(tmp_path / "again")]) == 0
+
+
+def test_what_is_kept_is_the_experiments_own_and_open_to_all(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    names = ["map.txt", "private.txt", "../outside.txt", "link"]
+    for name in (*names, "remark.txt"):
+        (folder / name).write_text(name)
+    (folder / "private.txt").chmod(0o600)
+    (folder / "link").unlink()
+    (folder / "link").symlink_to(tmp_path / "outside.txt")
+    text = (PACKAGE_FOLDER / "config/experiments/phototaxis.argos").read_text()
+    text = text.replace("</argos-configuration>", "<!-- 'remark.txt' --></argos-configuration>")
+    experiment = folder / "mine.argos"
+    experiment.write_text(text.replace("phototaxis.py", "loop.py"))
+    (folder / "loop.py").write_text(f"{LOOP.read_text()}\nFILES = {names}\n")
+    words = ["sim", str(experiment), "--robots", "2", "--duration", "1", "-o"]
+    assert cli.main([*words, str(tmp_path / "out")]) == 0
+    kept = {name for name in files_of(tmp_path / "out" / "made.zip") if name.startswith("files/")}
+    assert kept == {"files/mine.argos", "files/loop.py", "files/map.txt"}
+    assert "may not read it: " + str(folder / "private.txt") in capsys.readouterr().err
+    experiment.chmod(0o600)
+    assert cli.main([*words, str(tmp_path / "closed")]) == 0
+    closed = tmp_path / "closed" / "made.zip"
+    assert closed.stat().st_mode & 0o777 == 0o600 and "files/mine.argos" in files_of(closed)
 
 
 def test_series_of_one_name_are_numbered(tmp_path: Path) -> None:

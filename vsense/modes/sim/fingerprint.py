@@ -104,6 +104,7 @@ def of_files(task: Task) -> dict[str, str]:
 
 
 _QUOTED = re.compile(r"\"([^\"<]*)\"|'([^'<]*)'")
+_COMMENT = re.compile(r"<!--.*?(?:-->|\Z)", re.DOTALL)
 _REQUIRED = re.compile(r"\brequire\s*\(?\s*[\"']([\w./-]+)[\"']")
 
 
@@ -111,11 +112,12 @@ def named_files(path: Path) -> list[Path]:
     """An experiment's file, every file that an attribute in it names, models of robots, and
     what Python and Lua among them import from beside them.
 
-    The file is not parsed: ARGoS's files need not be well-formed.
+    The file is not parsed: ARGoS's files need not be well-formed. What its comments name does not
+    count.
     """
     import html  # a single run waits for no table of entities
 
-    quoted = _QUOTED.findall(_text(path))
+    quoted = _QUOTED.findall(_COMMENT.sub(" ", _text(path)))
     values = {html.unescape(double or single) for double, single in quoted}
     # Of models all: a setting may choose any.
     values |= {f"{name}{MODEL_SUFFIX}" for name in models_in(path.parent)}
@@ -138,7 +140,7 @@ def _with_imports(paths: Sequence[Path], folder: Path) -> list[Path]:
 
 def _required(file: Path) -> list[Path]:
     """What a script in Lua may require from beside it: NAME.lua or NAME/init.lua, as in ARGoS."""
-    names = (name.replace(".", "/") for name in _REQUIRED.findall(_text(file)))
+    names = (name.replace(".", "/").lstrip("/") for name in _REQUIRED.findall(_text(file)))
     places = (file.parent / f"{name}{end}" for name in names for end in (".lua", "/init.lua"))
     return [place for place in places if os.path.isfile(place)]
 
