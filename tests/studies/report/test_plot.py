@@ -98,8 +98,12 @@ def test_the_users_style_wins(
 
     assert latency("ours", None) == (1050, 690)
     assert latency("sheet", sheet) == (200, 120)
+    (tmp_path / "here").mkdir()
+    (tmp_path / "here" / "matplotlibrc").write_text("savefig.dpi: 30\ntext.usetex: True\n")
+    monkeypatch.chdir(tmp_path / "here")
+    assert latency("still ours", None) == (1050, 690), "the current folder's does not count"
     (tmp_path / "matplotlibrc").write_text("savefig.dpi: 60\nfont.size: 10\n")
-    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MATPLOTLIBRC", str(tmp_path))
     assert latency("file", None) == (210, 138)
     assert latency("both", sheet) == (200, 120)
     with _plot.styled("ggplot"):

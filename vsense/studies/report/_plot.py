@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import logging
+import os
 import re
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
@@ -124,9 +125,10 @@ class _Complaints(logging.Handler):
 def styled(sheet: str | None = None) -> Iterator[None]:
     """Draws in our style, over it the user's matplotlibrc, over both a style sheet.
 
-    `sheet` is a path, or a name that `matplotlib.style` knows; UsageError if there is none, or
-    something in it is no setting. Warnings of Matplotlib, such as of a missing font, are logged
-    once at the end.
+    Of a matplotlibrc in the current folder, which Matplotlib would take first, nothing counts: that
+    folder may be somebody else's. `sheet` is a path, or a name that `matplotlib.style` knows;
+    UsageError if there is none, or something in it is no setting. Warnings of Matplotlib, such as
+    of a missing font, are logged once at the end.
     """
     import matplotlib
     from matplotlib import style
@@ -134,9 +136,11 @@ def styled(sheet: str | None = None) -> Iterator[None]:
     complaints, log = _Complaints(), logging.getLogger("matplotlib")
     log.addHandler(complaints)
     try:
-        own = matplotlib.rc_params_from_file(matplotlib.matplotlib_fname(), False, False)
+        own = _own_settings()
         complaints.lines.clear()  # Matplotlib told them when it was imported.
-        with matplotlib.rc_context({**_STYLE, **own}):
+        with matplotlib.rc_context():
+            style.use("default")
+            matplotlib.rcParams.update({**_STYLE, **own})
             try:
                 style.use(sheet or {})
             except OSError:
@@ -153,6 +157,16 @@ def styled(sheet: str | None = None) -> Iterator[None]:
         log.removeHandler(complaints)
         for line in complaints.lines:
             log.warning(line)
+
+
+def _own_settings() -> Mapping[str, Any]:
+    """What is in the user's matplotlibrc: where $MATPLOTLIBRC says, or in Matplotlib's folder."""
+    import matplotlib
+
+    named = os.environ.get("MATPLOTLIBRC", "")
+    places = (named, f"{named}/matplotlibrc", f"{matplotlib.get_configdir()}/matplotlibrc")
+    path = next(filter(os.path.isfile, places), None)
+    return {} if path is None else matplotlib.rc_params_from_file(path, False, False)
 
 
 def require_sheet(sheet: str | None) -> None:
