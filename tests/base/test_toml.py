@@ -155,6 +155,15 @@ def test_texts_and_comments_are_no_keys(statement: str) -> None:
     assert file_of(f"{statement}\nlast = 1").line("last") == statement.count("\n") + 2
 
 
+@pytest.mark.parametrize("number", ["0x" + "f" * 5000, "1" + "0" * 400, "0x8000000000000000"])
+@pytest.mark.parametrize("form", ["{}", "[[1, {}]]", "{{b = {}}}"])
+def test_a_whole_number_of_more_than_64_bits_is_refused(number: str, form: str) -> None:
+    file = file_of(f"least = -9223372036854775808\n[[robot]]\na = {form.format(number)}")
+    with pytest.raises(ConfigError, match="expected at most 64") as caught:
+        file.read(SCHEMA)
+    assert caught.value.line == 3
+
+
 def test_a_large_file_is_refused_before_it_is_parsed() -> None:
     row = "# ä comment of 20 bytes"
     most = MAX_TOML_BYTES // len(f"{row}\n".encode())

@@ -20,6 +20,7 @@ from vsense.base.files import read_bytes
 
 MAX_TOML_BYTES = 256 << 10
 MAX_KEY_PARTS = 8
+_TOO_LARGE = 1 << 63
 
 Reader = Callable[[Any], Any]
 """Gives what a value means; ValueError with what was expected."""
@@ -147,7 +148,21 @@ class TomlFile:
         Raises:
             ConfigError: a name is not known, or a value cannot be.
         """
+        self._check_integers()
         return self._table(self._values, schema, ())
+
+    def _check_integers(self) -> None:
+        """Refuses those that TOML does not have: nothing can show one of a million bits."""
+        waiting: list[tuple[Position, Any]] = [((), self._values)]
+        while waiting:
+            position, value = waiting.pop()
+            if isinstance(value, dict):
+                waiting += [((*position, name), below) for name, below in value.items()]
+            elif isinstance(value, list):
+                waiting += [((*position, n), below) for n, below in enumerate(value)]
+            elif isinstance(value, int) and not -_TOO_LARGE <= value < _TOO_LARGE:
+                words = f"a whole number of {value.bit_length()} bits, expected at most 64"
+                raise self.error(words, *position)
 
     def _table(self, table: Any, schema: Schema, position: Position) -> dict[str, Any]:
         if not isinstance(table, dict):
