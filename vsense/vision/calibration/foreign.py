@@ -223,13 +223,14 @@ def _yaml(path: Path, text: str, lines: dict[str, int]) -> dict[str, str]:
     This is what OpenCV and ROS write; a list is one text with commas. `lines` gets where they are.
     """
     found: dict[str, str] = {}
-    outer, key, parts = "", "", list[str]()
+    outer, key, parts, items = "", "", list[str](), 0
     for number, line in enumerate(text.splitlines(), 1):
         line = line.split(" #")[0].rstrip() if not line.startswith("#") else ""
         if parts:
             parts.append(line)
         elif line.lstrip().startswith("- ") and key:
-            if found[key].count(",") < _MOST_ITEMS:
+            items += 1 + line.count(",")
+            if items <= _MOST_ITEMS:
                 found[key] = f"{found[key]},{line.lstrip()[2:]}".strip(",")
             continue
         elif not line or line.startswith(("%", "---", "...")):
@@ -240,7 +241,7 @@ def _yaml(path: Path, text: str, lines: dict[str, int]) -> dict[str, str]:
             outer = outer if match[1] else name
             key = f"{outer}.{name}" if match[1] else outer
             lines.setdefault(key, number)
-            parts = [value]
+            parts, items = [value], 0
         else:
             words = f"{line[:40]!r}: expected 'name: value', as in OpenCV's .yml or ROS's ost.yaml"
             raise ConfigError(str(path), number, words)
