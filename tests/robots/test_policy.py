@@ -269,6 +269,17 @@ def model(
     return field(1, 8) + field(7, graph + field(12, field(1, output)) + more)
 
 
+KIND_INT = b"\xa0\x01\x02"
+HUGE_GRU = field(
+    1,
+    b"".join(field(1, name) for name in (b"x", b"w", b"w"))
+    + b"".join([field(2, b"z"), field(3, b"last"), field(4, b"GRU")])
+    + field(5, field(1, b"linear_before_reset") + field(3, 1) + KIND_INT)
+    + field(5, field(1, b"hidden_size") + b"\x18" + b"\x80" * 5 + b"\x20" + KIND_INT),
+)
+"""Its state has 2**40 numbers, its weights have 16."""
+
+
 @pytest.mark.parametrize(
     ("data", "words"),
     [
@@ -294,6 +305,7 @@ def model(
         (model(b"Add", weights=tensor((1, 2))), "last.*expected a constant|broadcast"),
         (model(more=field(11, field(1, b"h"))), "input 'h', and no output of that place"),
         (model(b"GRU"), "node 'last' .*GRU"),
+        (model(output=b"z", more=HUGE_GRU), "node 'last' .*hidden_size 1099511627776: its weights"),
         (
             model(more=b"".join([field(5, field(8, b"%d" % n)) for n in range(9)])),
             "number format 0",

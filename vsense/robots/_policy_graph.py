@@ -298,9 +298,11 @@ class PolicyGraph:
         if odd or has_lengths or "linear_before_reset" not in how:
             raise ValueError(f"expected a GRU as PyTorch exports it, with {usual}; got {how}")
         places, outer = self._calculated(node), self._constant(node, 1)
-        both = self._constant(node, 3, np.zeros((1, 6 * size), np.float32))
+        if inner.shape != (1, 3 * size, size):
+            raise ValueError(f"hidden_size {size}: its weights have the shape {inner.shape}")
         if places.ndim != 3 or places.shape[:2] != (1, 1) or outer.shape[:2] != (1, 3 * size):
             raise ValueError(f"expected a sequence of 1 and a batch of 1, got {places.shape}")
+        both = self._constant(node, 3, np.zeros((1, 6 * size), np.float32))
         before = self._state(node, size)
         own = self._dense(places, outer[0].T, both[0, : 3 * size])
         last = self._dense(before, inner[0].T, both[0, 3 * size :])
