@@ -170,15 +170,24 @@ MISTAKES = [
     (MINE.replace("function step", "functio step"), 2, "syntax error near 'step'"),
     (MINE.replace("n = 0", "n = robot.x.y"), 1, "attempt to index a nil value (field 'x')"),
     (f"{MINE}require('nothing')", 7, "module 'nothing' not found"),
+    (f"{MINE}require('here')", 7, "module 'here' not found"),
 ]
 
 
 @pytest.mark.parametrize(("script", "line", "words"), MISTAKES, ids=[w for *_, w in MISTAKES])
 def test_a_mistake_of_all_robots_ends_the_run_with_file_and_line(
-    script: str, line: int, words: str, folder: Path, capsys: pytest.CaptureFixture[str]
+    script: str,
+    line: int,
+    words: str,
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     mine(script)
-    assert simulate() == 1
+    Path("elsewhere").mkdir()
+    Path("elsewhere/here.lua").write_text("return {}")
+    monkeypatch.chdir("elsewhere")
+    assert cli.main(["sim", "../mine.argos", "--duration", "4", "--output", "out"]) == 1
     assert f"mine.lua:{line}: {words}" in capsys.readouterr().err
 
 

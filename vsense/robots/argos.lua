@@ -708,7 +708,10 @@ end
 
 -- Runs the script; gives the functions that it has made, each with the line where it begins.
 local function run(text, name, folder)
-   package.path = folder .. "/?.lua;" .. folder .. "/?/init.lua;" .. package.path
+   -- Lua would look in the current folder, too, where anything may lie.
+   local function absolute(places) return ((";" .. places):gsub(";[^/;][^;]*", "")) end
+   package.cpath = absolute(package.cpath)
+   package.path = folder .. "/?.lua;" .. folder .. "/?/init.lua" .. absolute(package.path)
    sethook(watch, "", INSTRUCTIONS)
    local before, made = {}, {}
    for key in pairs(_G) do before[key] = true end
