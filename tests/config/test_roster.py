@@ -148,6 +148,7 @@ ROBOT = '[[robot]]\ntag = 1\nhost = "a"\n'
         (f"{ROBOT}[[robot]]\ntag = 1\n", 4, "tag 1 is that of the robot in line 1, too"),
         (f"{ROBOT}[[robot]]\ntag = 2\nhost = 'a'\n", 4, "host a is that of the robot in line 1"),
         (f"{ROBOT}tag = 2\n", 4, 'Key "tag" already exists'),
+        (f"{ROBOT}base = 'exec:'\n", 4, "base: expected a base of vsensed"),
         (f"{ROBOT}base = argos\n", 4, "Unexpected character"),
         (f"x = {'[' * 5000}", 1, "expected TOML"),
         ("robot = 3\n", 1, "expected a table [[robot]] for each robot; got 3"),

@@ -25,7 +25,7 @@ from scripts.site.blocks import blocks
 from tests.rigs.places import ROOT
 from tests.robots.rig import Rig
 from vsense import cli
-from vsense.commands import robot_init
+from vsense.commands import _first_contact, robot_init
 from vsense.config import roster
 from vsense.vision.markers.families import load_family, ranked_tags
 
@@ -304,6 +304,31 @@ def test_first_contact_says_what_fails_and_keeps_what_was_told(
     assert [robot.name for robot in roster.read(alone).robots] == ["red"]
     assert init("--model", "epuck2") == 2 and init("--wiggle", "--robots", "3") == 2
     assert "expected --add NAME, too" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("script", "code", "words"),
+    [
+        (r"printf '\n\377\nbase     ok   here\n'", 0, "base     ok   here"),
+        ("exec sleep 60", 1, "BAD  the check has not ended within 0.5 s"),
+    ],
+)
+def test_a_check_may_say_anything_or_nothing(
+    script: str,
+    code: int,
+    words: str,
+    alone: Path,
+    tmp_path: Path,
+    monkeypatch: Any,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    daemon = tmp_path / "daemon"
+    daemon.write_text(f"#!/bin/sh\n{script}\n")
+    daemon.chmod(0o755)
+    monkeypatch.setattr(_first_contact.build, "daemon", lambda _: daemon)
+    monkeypatch.setattr(_first_contact, "CHECK_S", 0.5)
+    assert init("--add", "red", "--base", "exec:mine.py", "--tag", "1") == code
+    assert f"robot 1 (red): {words}" in capsys.readouterr().err
 
 
 PAGE = ROOT / "robot" / "WHICH_ROBOT.md"

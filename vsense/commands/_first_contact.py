@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 import subprocess
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -147,16 +147,26 @@ def try_robot(roster: Roster, tag: int, options: argparse.Namespace, console: Co
     words["--base"] = robot.base if driver is None else driver.here()
     command = [str(word) for pair in words.items() for word in pair]
     flags = ["--insecure", "--check", *(["--wiggle"] if options.wiggle else [])]
-    done = subprocess.run(
-        [str(daemon), *command, *flags],
-        stdin=subprocess.DEVNULL,
-        capture_output=True,
-        text=True,
-        timeout=CHECK_S,
-        check=False,
-    )
-    lines = [line for line in done.stdout.splitlines() if line.split()[0] in _TOLD]
-    bad = not lines or any(" BAD " in line for line in lines)
-    for line in [*lines, *(done.stderr.splitlines()[-1:] if bad else [])]:
+    lines, bad = _checked([str(daemon), *command, *flags])
+    for line in lines:
         console.say(f"{robot}: {line}", "warning" if bad else "info")
     return int(bad)
+
+
+def _checked(command: Sequence[str]) -> tuple[list[str], bool]:
+    """What a daemon says of its robot, and whether something is wrong with it."""
+    try:
+        done = subprocess.run(
+            command,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            encoding="utf-8",
+            errors="replace",  # a driver may say anything
+            timeout=CHECK_S,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return [f"BAD  the check has not ended within {CHECK_S:g} s"], True
+    lines = [line for line in done.stdout.splitlines() if next(iter(line.split()), "") in _TOLD]
+    bad = not lines or any(" BAD " in line for line in lines)
+    return [*lines, *(done.stderr.splitlines()[-1:] if bad else [])], bad

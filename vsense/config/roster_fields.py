@@ -151,9 +151,10 @@ def _spans(count: int, least: int, most: int, words: str) -> Reader:
 
 
 _SETTING = r"[^\s'\"\\$`#]+"
+_BASE = rf"(?!exec:\Z){_SETTING}( {_SETTING})*"
 
 DEFAULTS: Schema = {
-    "base": matching(rf"{_SETTING}( {_SETTING})*", 'a base of vsensed, such as "argos:/dev/ttyS0"'),
+    "base": matching(_BASE, 'a base of vsensed, such as "argos:/dev/ttyS0" or "exec:mine.py"'),
     "run_host": _address,
     "port": integer(1, 65535),
     "battery_stop_mv": integer(0, 5000),

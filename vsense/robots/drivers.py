@@ -42,10 +42,15 @@ class Driver:
 
     @classmethod
     def of(cls, base: str, beside: Path) -> Driver | None:
-        """Reads a `--base`; None: it is another one. `beside`: the folder of its files."""
+        """Reads a `--base`; None: it is another one. `beside`: the folder of its files.
+
+        UsageError: it names no command.
+        """
         if not base.startswith(KIND):
             return None
-        command, *more = base.removeprefix(KIND).split()
+        command, *more = base.removeprefix(KIND).split() or [""]
+        if not command:
+            raise UsageError(f"base {base!r}: expected a command, such as exec:mine.py")
         first = _file(command, beside) or _file(f"{command}.py", beside)
         return cls((first or command, *(_file(word, beside) or word for word in more)))
 
