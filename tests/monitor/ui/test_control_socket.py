@@ -323,6 +323,44 @@ def test_an_emergency_stop_is_that_of_all_that_this_account_runs(
         second.shutdown(socket.SHUT_RDWR)
 
 
+@pytest.mark.parametrize("said", [b"[" * 100_000, b"{}", b'{"text": 1}', b'{"error": []}', b"7"])
+def test_nonsense_in_a_stop_hides_no_other_answer(
+    place: Path, bell: ControlSocket, said: bytes, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with socket.create_server(str(place / "1.sock"), family=socket.AF_UNIX) as other:
+
+        def answer() -> None:
+            with suppress(OSError):
+                while True:
+                    line, _ = other.accept()
+                    with line:
+                        line.recv(4096)
+                        line.sendall(said)
+
+        threading.Thread(target=answer, daemon=True).start()
+        assert cli.main(["stop", "--emergency", "--all"]) == 1
+        rows = capsys.readouterr().out.splitlines()
+        assert "NOT STOPPED: does not answer: its answer makes no sense" in rows[0]
+        assert rows[1].endswith("done: emergency")
+        other.shutdown(socket.SHUT_RDWR)
+
+
+def test_without_a_session_the_folder_is_where_nobody_else_may_write(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("XDG_RUNTIME_DIR", raising=False)
+    monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    session = tmp_path / "session"
+    usual = os.lstat
+    monkeypatch.setattr(
+        os, "lstat", lambda path: usual(session if path == f"/run/user/{os.getuid()}" else path)
+    )
+    assert folder() == tmp_path / ".cache" / "vsense" / f"run-{socket.gethostname()}"
+    session.mkdir()
+    assert control_socket._place() == Path(f"/run/user/{os.getuid()}/vsense")
+
+
 def test_where_nothing_runs_nothing_is_stopped(
     place: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

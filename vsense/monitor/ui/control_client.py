@@ -61,6 +61,8 @@ def ask(question: Mapping[str, Any], process: int | None = None) -> dict[str, An
     path = _find(process, question.get("order") in ("stop", "emergency"))
     try:
         answer = exchange(path, json.dumps(question).encode() + b"\n")
+        if question.get("ask") != "status" or "error" in answer:
+            _check_words(answer)
     except (OSError, ValueError) as error:
         number = path.name.partition(".")[0]
         raise TerminalError(f"process {number} does not answer: {error}") from None
@@ -134,7 +136,7 @@ def describe(number: int, path: Path) -> tuple[str, ...]:
         typed = _TYPED.get(answer["command"], answer["command"])
         command, where = f"vsense {typed}{whose(answer)}", str(answer["directory"])
         return str(number), str(answer["name"]), command, port, age, where
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, OverflowError):
         return str(number), "does not answer", "", "", "", ""
 
 
@@ -165,8 +167,18 @@ def exchange(path: Path, question: bytes, timeout_s: float = ANSWER_TIMEOUT_S) -
             # Of one that only goes on talking nobody waits for the end.
             if len(data) > _MOST_BYTES or time.monotonic() > end_s:
                 raise ValueError("its answer has no end")
-    answer = json.loads(data)
+    try:
+        answer = json.loads(data)
+    except RecursionError:
+        answer = None
     if not isinstance(answer, dict):
+        raise ValueError("its answer makes no sense")
+    return answer
+
+
+def _check_words(answer: dict[str, Any]) -> dict[str, Any]:
+    """Gives an answer in which words say what was done, or why not; ValueError: it is none."""
+    if not isinstance(answer.get("error", answer.get("text")), str):
         raise ValueError("its answer makes no sense")
     return answer
 
@@ -219,7 +231,7 @@ def _order(sockets: Mapping[int, Path], order: Mapping[str, Any]) -> list[Answer
 def _answer(path: Path, line: bytes) -> dict[str, Any] | None:
     """The answer to an order; {"error": reason} where there is none, None: nobody is there."""
     try:
-        return exchange(path, line)
+        return _check_words(exchange(path, line))
     except (ConnectionRefusedError, FileNotFoundError):
         return None
     except (OSError, ValueError) as error:

@@ -16,7 +16,6 @@ import socket
 import socketserver
 import stat
 import struct
-import tempfile
 import threading
 from collections.abc import Callable
 from contextlib import suppress
@@ -56,14 +55,29 @@ def folder() -> Path:
 
     ControlSocketError if it cannot be made, or belongs to another user.
     """
-    base = os.environ.get("XDG_RUNTIME_DIR")
-    place = Path(base) / "vsense" if base else Path(tempfile.gettempdir()) / f"vsense-{os.getuid()}"
+    place = _place()
     with failing_as(ControlSocketError, str(place)):
         place.mkdir(mode=0o700, parents=True, exist_ok=True)
         status = place.lstat()
     if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid() or status.st_mode & 0o077:
         raise ControlSocketError(f"{place}: others may enter it: remove it, and start again")
     return place
+
+
+def _place() -> Path:
+    """Where only this user can have made a folder: what anybody may write in keeps nobody out."""
+    base, session = os.environ.get("XDG_RUNTIME_DIR"), f"/run/user/{os.getuid()}"
+    with suppress(OSError):  # where nobody has logged in there is none
+        base = base or (session if os.lstat(session).st_uid == os.getuid() else None)
+    if base:
+        return Path(base) / "vsense"
+    try:
+        cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    except RuntimeError:
+        words = "no home directory for the sockets of runs: set XDG_RUNTIME_DIR to a folder"
+        raise ControlSocketError(words) from None
+    # Several machines may have one home.
+    return cache / "vsense" / f"run-{socket.gethostname()}"
 
 
 def folders() -> tuple[list[Path], list[str]]:
