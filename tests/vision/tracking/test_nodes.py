@@ -199,6 +199,8 @@ def test_trackers_and_nodes_meet_at_a_router(files: Files, monkeypatch: pytest.M
         ("x{", "zenoh.json5: no configuration of Zenoh's: --> 1:1"),
         ("{ transport: { link: { tls: { connect_certificate: '/none.pem' } } } }",
          "zenoh.json5: connect_certificate: /none.pem: No such file"),
+        ("{ transport: { link: { tls: { listen_private_key: '/dev/null' } } } }",
+         "zenoh.json5: listen_private_key: /dev/null: is a device, expected a file"),
     ],
 )  # fmt: skip
 def test_configurations_that_cannot_be_are_told(tmp_path: Path, text: str, words: str) -> None:
@@ -207,6 +209,8 @@ def test_configurations_that_cannot_be_are_told(tmp_path: Path, text: str, words
     with pytest.raises(UsageError) as caught:
         open_network(NodeNetwork((), ("tls/127.0.0.1:7447",), config))
     assert words in str(caught.value) and "\n" not in str(caught.value)
+    with pytest.raises(UsageError, match=r"/dev/null: .* is a device, expected a file"):
+        open_network(NodeNetwork((), ("tls/127.0.0.1:7447",), Path("/dev/null")))
 
 
 @pytest.mark.parametrize(

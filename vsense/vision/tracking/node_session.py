@@ -23,6 +23,7 @@ from typing import Any
 
 from vsense.base import errors
 from vsense.base.errors import UsageError, VsenseError
+from vsense.base.files import read_bytes
 from vsense.base.terminal import printable
 
 OPEN_S = 10.0
@@ -133,6 +134,7 @@ def _config(zenoh: Any, network: NodeNetwork, mode: str) -> Any:
     try:
         config = zenoh.Config()
         if network.config is not None:
+            read_bytes(network.config)  # Zenoh would wait for ever for a pipe's other end
             config = zenoh.Config.from_file(str(network.config))
     except Exception as error:
         text = f"{network.config}: no configuration of Zenoh's: {_reason(error)}"
@@ -141,7 +143,7 @@ def _config(zenoh: Any, network: NodeNetwork, mode: str) -> Any:
     for name, file in json.loads(config.get_json("transport/link/tls")).items():
         try:
             if name.endswith(("_certificate", "_private_key")) and file is not None:
-                Path(file).read_bytes()
+                read_bytes(Path(file))
         except OSError as error:
             raise UsageError(f"{network.config}: {name}: {file}: {error.strerror}") from None
     settings: dict[str, object] = {
