@@ -32,7 +32,7 @@ from cyclonedds.topic import Topic
 
 RELIABLE = Qos(Policy.Reliability.Reliable(10**8), Policy.History.KeepLast(1))
 BEST_EFFORT = Qos(Policy.Reliability.BestEffort, Policy.History.KeepLast(1))
-OLD_S, NEAR_M, BEAM_RAD, RAW_MAX = 1.0, 0.3, 0.15, 4095
+OLD_S, NEAR_M, BEAM_RAD, RAW_MAX, FASTER_M_S = 1.0, 0.3, 0.15, 4095, 100.0
 ANGLES_RAD = (-0.3002, -0.8011, -1.5708, -2.6442, 2.6442, 1.5708, 0.7994, 0.3002)
 
 
@@ -134,7 +134,10 @@ class Ros2:
         for odometry in valid(self.odom, 100):
             now_s, twist = time.monotonic(), odometry.twist.twist
             turn = twist.angular.z * self.axle_m / 2
-            for i, speed in enumerate((twist.linear.x - turn, twist.linear.x + turn)):
+            speeds = twist.linear.x - turn, twist.linear.x + turn
+            if not all(abs(speed) < FASTER_M_S for speed in speeds):
+                continue  # no number, or none that wheels have: as if it had not come
+            for i, speed in enumerate(speeds):
                 self.way_m[i] += speed * min(now_s - self.heard_s, OLD_S) if self.heard_s else 0.0
             self.heard_s = now_s
         for scan in valid(self.scan, 1):
@@ -159,7 +162,7 @@ def nearness(scan, angle_rad):
     for i, distance in enumerate(scan.ranges):
         away = abs(scan.angle_min + i * scan.angle_increment - angle_rad) % 6.283185307
         if min(away, 6.283185307 - away) < BEAM_RAD and distance >= scan.range_min:
-            nearest = min(nearest, distance)
+            nearest = min(nearest, max(distance, 0.0))
     return RAW_MAX * (1.0 - nearest / NEAR_M)
 
 

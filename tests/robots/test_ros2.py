@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +46,31 @@ def test_messages_have_the_bytes_and_names_of_ros_2(helper: Any) -> None:
     head = ros2.Header(ros2.Time(7, 8), "odom")
     assert head.serialize() == b"\x00\x01\x00\x00" + struct.pack("<iII5s", 7, 8, 5, b"odom\0")
     assert ros2.Twist.__idl__.idl_transformed_typename == "geometry_msgs::msg::dds_::Twist_"
+
+
+def test_what_is_no_distance_is_as_near_as_can_be(helper: Any) -> None:
+    ros2, _ = helper
+    away = -float("inf")
+    scan = ros2.LaserScan(None, 0.0, 0.0, 0.1, 0.0, 0.1, away, 4.0, [away, float("nan")], [])
+    assert ros2.nearness(scan, 0.0) == 4095.0
+
+
+@pytest.mark.parametrize("number", [float("nan"), float("inf"), -1e300])
+def test_the_labs_robot_takes_no_twist_that_is_no_speed(
+    number: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from vsense.modes.lab import _links
+    from vsense.modes.lab._ros2_robot import Ros2Robot
+    from vsense.world.robot_models import EPUCK
+
+    monkeypatch.setenv("CYCLONEDDS_URI", "")
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(DOMAIN))
+    robot = Ros2Robot(_links.PROGRAMS["ros2"], 0, tmp_path, EPUCK)
+    vector, twist = (robot._types[f"geometry_msgs/{name}"] for name in ("Vector3", "Twist"))
+    zero = vector(0.0, 0.0, 0.0)
+    for linear, angular in ((vector(number, 0.0, 0.0), zero), (zero, vector(0.0, 0.0, number))):
+        robot._drive(twist(linear, angular), 0)
+    robot.close()
 
 
 class Driver:
@@ -133,11 +159,14 @@ def test_a_robot_of_ros_2_gets_twists_and_gives_its_way_and_what_is_near(
     twist = ros2.Twist(ros2.Vector3(x=0.1), ros2.Vector3(z=0.5))
     known = ros2.PoseWithCovariance(pose, zeros), ros2.TwistWithCovariance(twist, zeros)
     odometry = ros2.Odometry(head, "base_link", *known)
+    broken = ros2.Twist(ros2.Vector3(x=float("nan")), ros2.Vector3())
+    unknown = known[0], ros2.TwistWithCovariance(broken, zeros)
+    told = cycle([odometry, ros2.Odometry(head, "base_link", *unknown)])
 
     def live() -> None:
         driver.order(60_000, 140_000)
         twists.extend(heard.take(10))
-        writers["/odom"].write(odometry)
+        writers["/odom"].write(next(told))
         step = 6.283185307 / 360
         writers["/scan"].write(
             ros2.LaserScan(head, 0.0, 6.28, step, 0.0, 0.1, 0.05, 4.0, ranges, [])

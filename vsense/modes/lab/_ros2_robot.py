@@ -33,6 +33,7 @@ POLL_NS, TELL_NS = 5_000_000, 20_000_000
 
 BEAMS = 72
 RANGE_M = 4.0
+_FASTER_STEPS_S = 1 << 20  # than any wheel; what the firmware is told has 32 bits
 _SURE = 6.0
 """By so many standard deviations a reading differs from that of nothing."""
 
@@ -101,8 +102,10 @@ class Ros2Robot:
 
     def _drive(self, twist: Any, now_ns: int) -> None:
         turn_m_s = twist.angular.z * self._model.axle_m / 2.0
-        speeds = (twist.linear.x - turn_m_s, twist.linear.x + turn_m_s)
-        left, right = (round(speed / self._model.step_m) for speed in speeds)
+        steps = [(twist.linear.x + turn) / self._model.step_m for turn in (-turn_m_s, turn_m_s)]
+        if not all(abs(speed) < _FASTER_STEPS_S for speed in steps):
+            return  # no number, or none that wheels have: as if it had not come
+        left, right = map(round, steps)
         lib.fw_wheels_drive(self.program.state, left, right, now_ns // 1000)
 
     def _tell(self, now_ns: int) -> None:
