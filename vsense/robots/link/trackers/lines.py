@@ -182,7 +182,12 @@ class Writer:
         self.inbox = LineInbox()
         self.clock = SenderClock()
         self.timestep: int | None = None
-        self.bad = self.late = 0
+        self.bad = self._late = 0
+
+    def ages(self, age_ns: int) -> bool:
+        """Takes how old a line's picture is; whether it is to be told that all are."""
+        self._late = self._late + 1 if age_ns > _LATE_NS else 0
+        return self._late == _LATE_LINES
 
 
 class ArenaListener(TrackerLink):
@@ -351,8 +356,7 @@ class ArenaListener(TrackerLink):
         tracker.timestep = line.timestep
         self.counters.states += 1
         capture_ns = tracker.clock.host_ns(line, now_ns)
-        tracker.late = tracker.late + 1 if now_ns - capture_ns > _LATE_NS else 0
-        if tracker.late == _LATE_LINES:
+        if tracker.ages(now_ns - capture_ns):
             old = f"{(now_ns - capture_ns) / 1e9:.1f} s old"
             why = "it is slow, or its clock was set back and it must connect again"
             self._say_of(tracker, f": its lines are {old}, robots stand: {why}")
