@@ -20,7 +20,6 @@ from vsense.vision.markers.families import (
     load_family,
     ranked_tags,
 )
-from vsense.vision.tracking._outlines import sample_outline, shape_of
 
 ARROW = load_family("arrow4x4")
 THESIS = load_family("arrow4x4-thesis")
@@ -124,15 +123,6 @@ def test_a_broken_definition_is_named(
     file.write_text("{\n\n!")
     with pytest.raises(FamilyError, match=r"mine\.json:3"):
         load_family(str(file))
-
-
-def test_an_outline_that_the_kernel_cannot_follow_is_refused(tmp_path: Path) -> None:
-    big = [[-3, -3], [3, -3], [6, 0], [3, 3e9], [-3, 3]]
-    file = tmp_path / "mine.json"
-    definition = {"name": "mine", "unit_mm": 5.3, "cell_mm": 5.3, "grid": 4, "polygon_u": big}
-    file.write_text(json.dumps(definition | {"disc_diameter_mm": 1e11, "disc_centre_u": [1.5, 0]}))
-    with pytest.raises(FamilyError, match="mine: its outline needs more than 96 samples"):
-        sample_outline(shape_of(load_family(str(file))))
 
 
 @pytest.mark.parametrize(

@@ -65,6 +65,10 @@ def test_an_outline_longer_than_the_kernels_tables_is_refused() -> None:
     long = replace(ARROW, unit_mm=ARROW.unit_mm / 20.0, polygon_u=polygon)
     with pytest.raises(FamilyError, match=r"0\.4.*8 to 96"):
         Kernel(long)
+    # Found by fuzzing: all the samples of such a side would be 56 GB.
+    longest = (*ARROW.polygon_u[:3], (3.0, 3e9), ARROW.polygon_u[4])
+    with pytest.raises(FamilyError, match=r"0\.4.*8 to 96"):
+        Kernel(replace(ARROW, polygon_u=longest, disc_diameter_mm=1e11))
 
 
 def test_the_blur_is_that_of_edges_as_sharp() -> None:

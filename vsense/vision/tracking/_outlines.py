@@ -188,20 +188,15 @@ def _fill(x: Any, y: Any, points: Floats) -> None:
 def sample_outline(shape: OutlineShape) -> tuple[Floats, Floats]:
     """Returns (n, 2) points along an outline, away from its corners, and their normals [mm].
 
-    Raises:
-        FamilyError: the outline is so long that it needs more than the kernel takes.
+    Of a side that alone needs more than the kernel takes there are too many, but not all.
     """
-    points, normals, left = [], [], int(kernels.VS_OUTLINE_SAMPLES)
+    points, normals = [], []
     margin = _CORNER_U * shape.unit_mm
     for start, end in zip(shape.polygon_mm, np.roll(shape.polygon_mm, -1, axis=0), strict=True):
         length = float(np.hypot(*(end - start)))
         ahead = (end - start) / length
-        left -= (count := max(2, round(min((length - 2.0 * margin) / shape.spacing_mm, left)) + 1))
-        if left < 0:
-            raise FamilyError(
-                f"marker family {shape.name}: its outline needs more than"
-                f" {kernels.VS_OUTLINE_SAMPLES} samples, {shape.spacing_mm:g} mm apart"
-            )
+        wanted = (length - 2.0 * margin) / shape.spacing_mm
+        count = max(2, round(min(wanted, kernels.VS_OUTLINE_SAMPLES)) + 1)
         along = np.roll(np.linspace(margin, length - margin, count), -shape.first)
         points.append(start + along[:, np.newaxis] * ahead)
         normals.append(np.tile((ahead[1], -ahead[0]), (count, 1)))
