@@ -52,6 +52,7 @@ class Puppet:
         held: why robots stand alone: tag -> words.
         stopped: publishes no arena states any more, as a run without cameras.
         silent: publishes nothing at all.
+        refused: why an emergency stop is refused.
         unrecorded: cameras that are well, and whose pictures are not there.
     """
 
@@ -66,6 +67,7 @@ class Puppet:
         self.fence: dict[str, Any] | None = None
         self.trouble: dict[int, str] = {}
         self.held: dict[int, str] = {}
+        self.refused = ""
         self.unrecorded: set[int] = set()
         self.camera_trouble: dict[int, tuple[str, str]] = {}
         self.by: str | None = None
@@ -100,6 +102,8 @@ class Puppet:
     def _live(self, order: Order) -> str:
         if order.kind.value not in CAN[self.state]:
             raise OrderError(f"cannot {order.kind.value}: the run is {self.state}")
+        if self.refused and order.kind is OrderKind.EMERGENCY:
+            raise OrderError(self.refused)
         if order.kind is OrderKind.RECORD:
             self.recording = bool(order.value)
             return "recording" if self.recording else "not recording"

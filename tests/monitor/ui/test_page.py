@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import socket
+import time
+
 import pytest
 
 from tests.monitor.ui.browser import Browser, Page
@@ -436,6 +439,55 @@ def test_an_emergency_stop_that_nobody_confirms_is_shown(served: Serve, opened: 
     page.value("vsense.connection.socket.onmessage = null; vsense.connection.heard = -1e9")
     state(page, "emergency")
     page.until("!document.querySelector('#banner').innerText.includes('NOT CONFIRMED')")
+
+
+def test_an_emergency_stop_is_not_stuck_in_a_connection_that_nobody_answers(
+    served: Serve, opened: Open
+) -> None:
+    puppet, server, url = served(running())
+    page = opened(url)
+    server.close()
+    with socket.create_server(("127.0.0.1", server.port)) as silent:
+        silent.settimeout(20.0)
+        swallowed, _ = silent.accept()
+        page.until("vsense.connection.socket.readyState === WebSocket.CONNECTING")
+        page.key("Escape")
+    # It stays open, as one whose packets a dead network has swallowed, when the network is back.
+    with swallowed:
+        again = WebServer(puppet.bus, puppet.give, "127.0.0.1", server.port)
+        again.start()
+        try:
+            page.value("window.back = performance.now()")
+            state(page, "emergency")
+            assert page.value("performance.now() - window.back") < 6000
+        finally:
+            again.close()
+
+
+def test_an_emergency_stop_that_is_refused_is_asked_for_until_it_is_taken(
+    served: Serve, opened: Open
+) -> None:
+    puppet, _, url = served(running())
+    page = opened(url)
+    puppet.refused = "the link has failed"
+    page.key("Escape")
+    shown = "document.querySelector('#banner').innerText.includes('refused: the link has failed')"
+    page.until(shown)
+    page.key("C")
+    page.until("vsense.store.run.recording.on")
+    asked = len(puppet.orders)
+    page.until(f"{shown} && vsense.connection.emergency !== null")
+    for _ in range(100):
+        if len(puppet.orders) > asked + 1:
+            break
+        time.sleep(0.1)
+    assert {order.kind for order in puppet.orders[asked:]} == {OrderKind.EMERGENCY}
+    puppet.refused = ""
+    state(page, "emergency")
+    page.until("!document.querySelector('#banner').innerText.includes('NOT CONFIRMED')")
+    taken = len(puppet.orders)
+    time.sleep(1.5)
+    assert len(puppet.orders) == taken
 
 
 def test_a_looker_has_no_buttons_and_learns_why(served: Serve, opened: Open) -> None:

@@ -46,7 +46,8 @@ function ofConnection(connection) {
 function ofEmergency({ run, pressed }, connection) {
   const rows = [];
   if (connection.emergency !== null && performance.now() - connection.emergency > UNANSWERED_MS) {
-    rows.push(danger("EMERGENCY STOP NOT CONFIRMED", "vsense has not answered yet"));
+    const why = connection.refusal && `refused: ${connection.refusal} · it is sent again every second`;
+    rows.push(danger("EMERGENCY STOP NOT CONFIRMED", why || "vsense has not answered yet"));
   }
   if (run?.state === "emergency") {
     const when = run.timestep < 0 ? `before run ${run.run}` : `at ${clock(run.time_s)} of run ${run.run}`;

@@ -2,6 +2,7 @@
 
 const RETRY_MS = [250, 500, 1000, 2000];
 const GONE_MS = 6000;
+const CONNECT_MS = 3000;
 const RECEIPT_EVERY = 8;
 const RECEIPT_MS = 60;
 
@@ -15,12 +16,13 @@ export class Connection {
   /** When an emergency stop was pressed that is not answered yet [ms].
    * @type {number | null} */
   emergency = null;
+  /** Why it was refused the last time. */
+  refusal = "";
   /** @type {WebSocket | undefined} */
   socket;
-  #orders = 0;
-  #answers = 0;
-  /** How many answers there are once the emergency stop is answered. */
-  #awaited = 0;
+  /** Orders that are not answered yet, in turn.
+   * @type {string[]} */
+  #asked = [];
   #tries = 0;
   /** Frames that the server knows of. */
   #receipted = 0;
@@ -35,7 +37,7 @@ export class Connection {
     this.take = take;
     this.greeting = greeting;
     this.#connect();
-    setInterval(() => this.#checkSilence(), 1000);
+    setInterval(() => this.#checkUp(), 1000);
   }
 
   /** Says something; gives whether it went out.
@@ -50,16 +52,14 @@ export class Connection {
    * @param {string} name @param {number} value @param {{ pair?: Point }} more */
   order(name, value, more = {}) {
     const sent = this.say({ order: name, value, ...more });
-    if (sent) this.#orders += 1;
+    if (sent) this.#asked.push(name);
     return sent;
   }
 
-  /** The emergency stop goes out at once, and again with every new connection until it is answered. */
+  /** The emergency stop goes out at once, and again with every new connection and refusal until it is taken. */
   stopAll() {
     this.emergency ??= performance.now();
-    const sent = this.order("emergency", 1);
-    this.#awaited = this.#orders;
-    return sent;
+    return this.order("emergency", 1);
   }
 
   #connect() {
@@ -70,18 +70,23 @@ export class Connection {
     socket.onopen = () => this.#begin();
     socket.onmessage = (event) => this.#receive(event.data);
     socket.onclose = () => this.#lose(socket);
+    // What a dead network swallowed stays on its way for minutes, also when the network is back.
+    setTimeout(() => socket.readyState === WebSocket.CONNECTING && this.#lose(socket), CONNECT_MS);
   }
 
   #begin() {
     this.open = true;
     this.heard = performance.now();
-    this.frames = this.#receipted = this.#orders = this.#answers = this.#tries = 0;
+    this.frames = this.#receipted = this.#tries = 0;
+    this.#asked = [];
     if (this.emergency !== null) this.stopAll();
     for (const sentence of this.greeting()) this.say(sentence);
   }
 
-  #checkSilence() {
-    if (this.socket && this.open && performance.now() - this.heard > GONE_MS) this.#lose(this.socket);
+  #checkUp() {
+    if (!this.socket || !this.open) return;
+    if (performance.now() - this.heard > GONE_MS) this.#lose(this.socket);
+    else if (this.emergency !== null && !this.#asked.includes("emergency")) this.stopAll();
   }
 
   /** A dead network closes nothing: a socket that is silent for too long is left behind as it is.
@@ -91,7 +96,7 @@ export class Connection {
     socket.close();
     if (this.open) this.since = performance.now();
     this.open = false;
-    const wait = RETRY_MS[Math.min(this.#tries, RETRY_MS.length - 1)];
+    const wait = RETRY_MS[this.emergency === null ? Math.min(this.#tries, RETRY_MS.length - 1) : 0];
     this.#tries += 1;
     setTimeout(() => this.#connect(), wait);
   }
@@ -104,7 +109,7 @@ export class Connection {
     if (typeof frame === "string") {
       const [topic, timeNs, data] = JSON.parse(frame);
       // Changes of the world are answered when a timestep comes: they have no turn.
-      if (topic === "/answer" && !data.change) this.#takeAnswer(data.ok);
+      if (topic === "/answer" && !data.change && this.#takeAnswer(data)) return;
       this.take(topic, timeNs, data, null);
       return;
     }
@@ -113,11 +118,14 @@ export class Connection {
     this.take(topic, timeNs, data, new Uint8Array(frame, 4 + length));
   }
 
-  /** An emergency stop that was refused is still asked for.
-   * @param {boolean} ok */
-  #takeAnswer(ok) {
-    this.#answers += 1;
-    if (ok && this.#answers >= this.#awaited) this.emergency = null;
+  /** An emergency stop that was refused is still asked for; gives whether the answer says nothing new.
+   * @param {AnswerMessage} answer */
+  #takeAnswer({ ok, text }) {
+    if (this.#asked.shift() !== "emergency" || this.emergency === null) return false;
+    if (ok && !this.#asked.includes("emergency")) this.emergency = null;
+    const isKnown = !ok && text === this.refusal;
+    this.refusal = ok ? "" : text;
+    return isKnown;
   }
 
   // The server keeps only so many frames on their way; the rest waits where newer ones replace it.
