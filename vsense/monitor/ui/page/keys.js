@@ -1,4 +1,5 @@
-// The keyboard. Escape is the emergency stop, whatever has the focus and whatever is open.
+// The keyboard. Escape is the emergency stop, whatever has the focus and whatever is open; but for the open list
+// of a choice: the browser closes it with the first Escape, of which no page is told.
 
 import { byId, make } from "./dom.js";
 
