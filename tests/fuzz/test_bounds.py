@@ -18,6 +18,7 @@ import sys
 import tempfile
 import traceback
 import zipfile
+import zlib
 from collections.abc import Callable, Iterator
 from functools import cache
 from itertools import islice, product
@@ -32,6 +33,7 @@ from tests.monitor.recording.conftest import BEGIN_NS, record
 from vsense.base.errors import VsenseError
 from vsense.base.message_bus import Message
 from vsense.config import battery_history, resources, roster, tracking_session
+from vsense.config.arena import read_image
 from vsense.config.experiment import load
 from vsense.modes import origin
 from vsense.monitor.recording.reader import open_recording
@@ -50,6 +52,7 @@ from vsense.vision.calibration._views import read_corners
 from vsense.vision.calibration.foreign import read_foreign
 from vsense.vision.cameras._recordings import read_timestamps
 from vsense.vision.cameras.camera import Camera
+from vsense.vision.cameras.picture import read_picture
 from vsense.vision.markers.families import load_family
 from vsense.vision.tracking import recorded_tracker
 from vsense.vision.tracking._node_rows import decode_expectation, decode_rows
@@ -131,6 +134,8 @@ READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "holders of keys": ("text", key_holders.read),
     "tokens": ("text", read_tokens),
     "recording": ("mcap", recording),
+    "floor": ("png", read_image),
+    "camera's picture": ("png", read_picture),
     "package": ("zip", package),
     "origin": ("zip", origin.read),
     "policy": ("onnx", read_policy),
@@ -367,6 +372,21 @@ def onnx() -> Hostile:
         yield f"attribute {number}", message(7, attribute)
 
 
+def png() -> Hostile:
+    """Pictures of zeros, of one bit to a pixel and in colours."""
+    for bits, side in product((1, 24), (4096, 16384)):
+        packed = zlib.compressobj(9)
+        row = bytes(1 + side * bits // 8)
+        rows = packed.compress(row * min(side, (64 << 20) // len(row)))
+        size = struct.pack(">IIBBBBB", side, side, min(bits, 8), 2 * (bits > 8), 0, 0, 0)
+        parts = {b"IHDR": size, b"IDAT": rows + packed.flush(), b"IEND": b""}
+        chunks = [
+            struct.pack(">I", len(part)) + name + part + struct.pack(">I", zlib.crc32(name + part))
+            for name, part in parts.items()
+        ]
+        yield f"{side} x {side} pixels of {bits} bits", b"\x89PNG\r\n\x1a\n" + b"".join(chunks)
+
+
 FORMS: dict[str, Callable[[], Hostile]] = {
     "onnx": onnx,
     "xml": xml,
@@ -378,6 +398,7 @@ FORMS: dict[str, Callable[[], Hostile]] = {
     "csv": csv,
     "text": text,
     "mcap": mcap,
+    "png": png,
     "zip": lambda: iter(_zips()),
 }
 
@@ -396,11 +417,14 @@ def read_bounded(read: Callable[[Path], object], path: Path, cpu_s: int) -> str:
         resource.setrlimit(resource.RLIMIT_AS, (most, most))
         try:
             read(path)
-        except VsenseError:
-            pass
         except BaseException as error:
-            place = traceback.extract_tb(error.__traceback__)[-1]
-            theirs.send(f"{type(error).__name__} at {place.filename}:{place.lineno}")
+            # That memory has run out is no answer, whatever words a reader gives it.
+            cause: BaseException | None = error
+            while isinstance(cause, VsenseError) and cause.__context__ is not None:
+                cause = cause.__context__
+            if not isinstance(error, VsenseError) or isinstance(cause, MemoryError):
+                place = traceback.extract_tb((cause or error).__traceback__)[-1]
+                theirs.send(f"{type(cause).__name__} at {place.filename}:{place.lineno}")
 
     child = context.Process(target=inside)
     child.start()

@@ -47,7 +47,9 @@ MOST_FILES = 100_000
 
 _SECRET = re.compile(rb"\A# Swarm keys of vsense|-----BEGIN [A-Z ]*PRIVATE KEY-----")
 _SECRETS = (".key", ".pem")
-_MOST_KEPT = 1 << 30
+MOST_FACTS_BYTES = 8 << 20
+"""Of `FACTS`: room for twenty thousand conditions; read, empty lists take twenty times as much."""
+_MOST_KEPT, _UNFOLDED_BYTES = 1 << 30, 128 << 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,9 +142,16 @@ def kept_beside(table: Path) -> list[tuple[int, Path]]:
 def read(path: Path) -> RunOrigin:
     """Reads what `keep` wrote; VsenseError if it is damaged."""
     try:
-        with zipfile.ZipFile(io.BytesIO(read_bytes(path, _MOST_KEPT))) as archive:
+        data = read_bytes(path, _MOST_KEPT)
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            infos = archive.infolist()
+            if sum(info.file_size for info in infos) > len(data) + _UNFOLDED_BYTES:
+                most = f"{_UNFOLDED_BYTES >> 20} MB"
+                raise ValueError(f"unfolds to more than its own size and {most}")
+            if archive.getinfo(FACTS).file_size > MOST_FACTS_BYTES:
+                raise ValueError(f"{FACTS} has more than {MOST_FACTS_BYTES >> 20} MB")
             facts = json.loads(archive.read(FACTS))
-            files = {name: archive.read(name) for name in archive.namelist() if name != FACTS}
+            files = {one.filename: archive.read(one) for one in infos if one.filename != FACTS}
         machine, about, setups = (dict(facts[name]) for name in ("machine", "about", "setups"))
         for setup in setups.values():
             dict(Setup.read(setup).settings)  # raises where it is none
