@@ -85,9 +85,11 @@ def test_what_is_no_picture_is_refused_at_its_line(
 
     assert "No such file or directory, expected a picture" in refused()
     path.write_bytes(b"")
-    assert "is no picture that can be read" in refused()
+    assert "it is empty" in refused()
     path.write_bytes(b"P6 this is no picture")
-    assert "is no picture that can be read" in refused()
+    assert "it is no picture" in refused()
+    cv2.imwrite(str(path), np.zeros((4097, 4096), np.uint8))  # 21 kB
+    assert "4096 x 4097 pixels, expected at most 16777216" in refused()
     picture(path, 3, np.uint16)
     assert "has colours of 16 bits instead of 8" in refused()
     path.unlink()

@@ -169,14 +169,14 @@ def read_image(path: Path) -> Image:
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: it holds no picture.
+        ValueError: it holds no picture, or a larger one than a floor's.
     """
     import cv2  # few floors have a picture
 
-    data = np.frombuffer(read_bytes(path, _MAX_IMAGE_BYTES), dtype=np.uint8)
-    image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
-    if image is None:
-        raise ValueError("is no picture that can be read")
+    from vsense.vision.cameras.picture import MOST_FLOOR_PIXELS, unpacked
+
+    data = read_bytes(path, _MAX_IMAGE_BYTES)
+    image = unpacked(data, "it", MOST_FLOOR_PIXELS, cv2.IMREAD_UNCHANGED)
     if image.dtype != np.uint8:
         raise ValueError(f"has colours of {8 * image.itemsize} bits instead of 8")
     codes = {1: cv2.COLOR_GRAY2RGB, 3: cv2.COLOR_BGR2RGB, 4: cv2.COLOR_BGRA2RGBA}

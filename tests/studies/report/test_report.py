@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import copy
 import json
 import re
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -42,6 +44,19 @@ def test_the_page_holds_every_section(tmp_path: Path) -> None:
     assert all(source.startswith("data:image/png;base64,") for source in read.sources)
     assert f"The worst link: blinker (tag {BLINKER}), lost once, silent for 1.7 s at most." in text
     assert "here &lt;we&gt; go (viewer 1)" in text and "<td>driver (2)</td>" in text
+
+
+def test_a_floor_that_unfolds_is_left_out(tmp_path: Path) -> None:
+    png = cv2.imencode(".png", np.zeros((4097, 4096), np.uint8))[1].tobytes()
+    sizes = []
+    for name, part in (("none", b""), ("large", png)):
+        sent = list(messages())
+        for message in sent:
+            if message.topic == "/world":
+                message.data["floor"]["png"] = base64.b64encode(part).decode()
+        made = make_report([write(tmp_path / f"{name}.mcap", sent)], tmp_path / name)
+        sizes.append(next(p for p in made.files if p.stem == "ways").read_bytes())
+    assert sizes[0] == sizes[1]
 
 
 def test_several_runs_are_compared(tmp_path: Path) -> None:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import base64
 import math
-import struct
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -17,6 +16,7 @@ import numpy as np
 
 from vsense.monitor.foxglove import _shapes
 from vsense.monitor.foxglove._shapes import ARENA_FRAME, Json, Rgba
+from vsense.vision.cameras.picture import MOST_FLOOR_PIXELS, unpacked
 from vsense.world.robot_models import EPUCK
 
 _WALL: Rgba = (0.55, 0.55, 0.58, 1.0)
@@ -41,9 +41,6 @@ _RING = 8
 _FLOOR_CELLS = 128
 """A floor's picture is shown with at most so many columns and rows."""
 _UINT8 = 1
-_PNG_SIZE, _PNG_SIZE_AT = struct.Struct(">II"), 16
-"""Where a PNG says its width and height."""
-_PICTURE_MOST = 4096
 
 
 def world(data: Mapping[str, Any], arena: Mapping[str, Any] | None, utc_ns: int) -> Json:
@@ -233,12 +230,8 @@ def floor(data: Mapping[str, Any], utc_ns: int) -> Json | None:
     if data.get("png") is None:
         return None
     png = base64.b64decode(data["png"])
-    # A small file can claim to be a picture of gigabytes.
-    if max(_PNG_SIZE.unpack_from(png, _PNG_SIZE_AT)) > _PICTURE_MOST:
-        raise ValueError("the floor's picture is too large")
-    packed = np.frombuffer(png, dtype=np.uint8)
-    image = cv2.imdecode(packed, cv2.IMREAD_UNCHANGED)
-    if image is None or image.ndim != 3:
+    image = unpacked(png, "the floor's picture", MOST_FLOOR_PIXELS, cv2.IMREAD_UNCHANGED)
+    if image.ndim != 3:
         raise ValueError("the floor's picture is damaged")
     most = max(image.shape[:2])
     if most > _FLOOR_CELLS:

@@ -25,6 +25,7 @@ from vsense.monitor.recording import DAMAGED, IN_CONE, LIT_IN_CONE
 from vsense.monitor.recording.form import ExperimentMessage
 from vsense.monitor.recording.measures import count_swarm
 from vsense.robots.link.status import RING_LEDS
+from vsense.vision.cameras.picture import MOST_FLOOR_PIXELS, unpacked
 from vsense.world.entities import (
     Arena,
     Box,
@@ -311,8 +312,8 @@ def _floor(floor: Mapping[str, Any] | None) -> Floor:
         if floor is not None:
             image = None
             if floor.get("png"):
-                data = np.frombuffer(base64.b64decode(floor["png"]), np.uint8)
-                read: Any = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+                data = base64.b64decode(floor["png"])
+                read = unpacked(data, "floor", MOST_FLOOR_PIXELS, cv2.IMREAD_UNCHANGED)
                 order = [2, 1, 0, 3][: read.shape[2]]
                 image = np.ascontiguousarray(read[..., order])
             size, centre, color = (tuple(floor[n]) for n in ("size_m", "centre_m", "color"))

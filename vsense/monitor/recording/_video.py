@@ -10,7 +10,6 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from vsense.base.errors import instead
@@ -22,6 +21,7 @@ from vsense.monitor.recording._video_file import open_video
 from vsense.monitor.recording.form import ExperimentMessage, RecordingError
 from vsense.monitor.recording.reader import Recording
 from vsense.vision.cameras.camera import Camera, CameraError
+from vsense.vision.cameras.picture import PictureError, decode
 
 ARENA_VIEW, BOTH, CAMERAS_VIEW = "arena", "both", "cameras"
 MOST_FPS = 30.0
@@ -229,10 +229,9 @@ def _decoded(message: Message | None) -> RecordedPicture | None:
     if message is None or not message.blob:
         return None
     try:
-        image = cv2.imdecode(np.frombuffer(message.blob, np.uint8), cv2.IMREAD_GRAYSCALE)
-    except cv2.error:
+        return _capture_ns(message), decode(message.blob, "a picture")
+    except PictureError:
         return None
-    return None if image is None else (_capture_ns(message), np.asarray(image, np.uint8))
 
 
 def _camera(data: Any) -> Camera | None:

@@ -24,7 +24,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vsense.base.arena import Frame
+from vsense.base.arena import Frame, Image
 from vsense.base.errors import VsenseError, failing_as
 from vsense.base.message_bus import Message
 from vsense.config.resources import DEFAULT_SPEED_M_S
@@ -32,6 +32,7 @@ from vsense.config.tracking_session import EXPERIMENT_FILE, PICTURES_OF, RESOURC
 from vsense.monitor.recording import DAMAGED
 from vsense.monitor.recording.form import ExperimentMessage
 from vsense.vision.cameras.camera import Camera, CameraError
+from vsense.vision.cameras.picture import PictureError, decode
 from vsense.vision.tracking.mask import Mask, MaskError, painted
 from vsense.vision.tracking.specs import TrackerSpec
 from vsense.world.entities import Arena
@@ -343,11 +344,13 @@ class PicturePainter:
         name = str(message.data.get("camera"))
         picture = name, message.data.get("timestep")
         camera = self._cameras.get(name)
-        image = cv2.imdecode(np.frombuffer(message.blob, np.uint8), cv2.IMREAD_GRAYSCALE)
+        image: Image | None = None
+        with suppress(PictureError):
+            image = decode(message.blob, "a picture")
         if camera is None or self._mask is None or image is None:
             self._left_out.add(picture)
             return None
-        shown = painted(np.asarray(image, np.uint8), self._mask, camera, self._top_m)
+        shown = painted(image, self._mask, camera, self._top_m)
         self.pictures.add(picture)
         return replace(message, data={**message.data, "format": "png"}, blob=png_of(shown))
 

@@ -12,15 +12,13 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-import cv2
-import numpy as np
-
 from vsense.base.arena import ArenaState, Frame
 from vsense.base.message_bus import Message
 from vsense.monitor.recording import DAMAGED, form
 from vsense.monitor.recording.form import RecordingError
 from vsense.monitor.recording.reader import Recording
 from vsense.vision.cameras.grabber import CameraEvent
+from vsense.vision.cameras.picture import decode
 from vsense.vision.tracking import recorded_tracker
 from vsense.vision.tracking.camera_tracking import CameraTracking
 
@@ -231,10 +229,7 @@ def _needed(topic: str) -> bool:
 
 def _frame(message: Message) -> Frame:
     data = message.data
-    image = cv2.imdecode(np.frombuffer(message.blob, dtype=np.uint8), cv2.IMREAD_GRAYSCALE)
-    if image is None:
-        raise ValueError(f"a picture of camera {data['camera']} is damaged")
-    gray = np.asarray(image, dtype=np.uint8)
+    gray = decode(message.blob, f"a picture of camera {data['camera']}")
     times = int(data["timestep"]), int(data["capture_ns"]), int(data["ready_ns"])
     return Frame(str(data["camera"]), gray, *times)
 

@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from vsense.base.errors import VsenseError
 from vsense.base.message_bus import Message
 from vsense.studies.packages._places import Scrubber
+from vsense.vision.cameras.picture import MOST_FLOOR_PIXELS, unpacked
 
 DAMAGED_FILE = (
     *(KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError, EOFError),
@@ -207,9 +208,10 @@ def _array(name: str, old: NDArray[Any], new: NDArray[Any]) -> str:
 def pictures(before: bytes, now: bytes) -> str:
     """Compares two pictures pixel by pixel."""
     old, new = (
-        cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) for data in (before, now)
+        unpacked(data, "the picture", MOST_FLOOR_PIXELS, cv2.IMREAD_UNCHANGED)
+        for data in (before, now)
     )
-    if old is None or new is None or old.shape != new.shape:
+    if old.shape != new.shape:
         return "a picture of another size"
     other = int((old != new).reshape(*old.shape[:2], -1).any(axis=2).sum())
     return f"{other} pixels" if other else ""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import binascii
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +15,7 @@ from vsense.studies.report._facts import entities, number, numbers
 from vsense.studies.report._findings import Findings
 from vsense.studies.report._gather import MAP_CELL_M, Gatherer
 from vsense.studies.report._plot import Drawing, label, new_figure, setting, width_of
+from vsense.vision.cameras.picture import MOST_FLOOR_PIXELS, unpacked
 from vsense.world.entities import Arena
 
 if TYPE_CHECKING:
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 FLOOR_SHARE = 0.5
 """The share of the floor's colour that is left, so that ways upon it can be seen."""
+_FLOOR_PX = 1024
+"""A side of its picture is drawn with at most so many pixels: Matplotlib turns each into many bytes."""
 NEAR_SIZES = 20.0
 """What is so many sizes of the arena away is not drawn."""
 NEWEST_WIDTHS = 25.0
@@ -282,13 +284,14 @@ def _floor(axes: Axes, world: Mapping[str, Any]) -> None:
         axes.set_facecolor(_pale(colour))
     try:
         size, middle = numbers(data.get("size_m"), 2), numbers(data.get("centre_m"), 2)
-        raw = np.frombuffer(base64.b64decode(data["png"]), np.uint8)
-        image = cv2.imdecode(raw, cv2.IMREAD_COLOR)
-    except (*DAMAGED, binascii.Error, cv2.error):
+        packed = base64.b64decode(data["png"])
+        image = unpacked(packed, "the floor's picture", MOST_FLOOR_PIXELS, cv2.IMREAD_COLOR)
+    except DAMAGED:
         return
-    if image is None or size is None or min(size) <= 0.0:
+    if size is None or min(size) <= 0.0:
         return
+    step = -(-max(image.shape[:2]) // _FLOOR_PX)
     (x, y), (width, height) = middle or (0.0, 0.0), size
     extent = (x - width / 2, x + width / 2, y - height / 2, y + height / 2)
-    pale = _pale(image[..., ::-1] / 255.0)
+    pale = (255.0 * _pale(image[::step, ::step, ::-1] / np.float32(255.0))).astype(np.uint8)
     axes.imshow(pale, extent=extent, aspect="equal", interpolation="nearest")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -18,17 +18,24 @@ from vsense.base.files import read_bytes
 MOST_PICTURE_BYTES = 512 << 20
 MOST_PICTURE_PIXELS = 50_000_000
 """More than any camera above an arena has; a picture then takes megabytes at most."""
+MOST_FLOOR_PIXELS = 4096 * 4096
+"""Of a floor's picture, which is in colour: unpacked and turned it takes 128 MB."""
 
 _PNG = b"\x89PNG\r\n\x1a\n"
-_JPEG = b"\xff\xd8"
+_JPEG, _BMP, _GIF, _WEBP = b"\xff\xd8", b"BM", b"GIF8", b"WEBPVP8"
 _JPEG_END = b"\xff\xd9"
 _BARE = (0x01, *range(0xD0, 0xD9))
 """JPEG markers without a segment. Source: ITU-T T.81, table B.1."""
 _FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 """JPEG markers that begin a picture, with its size. Source: ITU-T T.81, table B.1."""
+_BLANK = rb"(?:\s|#[^\r\n]*[\r\n])+"
+_PNM = re.compile(rb"P[1-6]" + _BLANK + rb"(\d{1,9})" + _BLANK + rb"(\d{1,9})\s")
+"""Source: Netpbm's pnm(5)."""
+
+_Order = Literal["little", "big"]
 
 
-class PictureError(GrabberError):
+class PictureError(GrabberError, ValueError):
     """A picture that cannot be used; the next one may be good."""
 
 
@@ -68,10 +75,19 @@ def read_picture(path: Path, name: str = "") -> Image:
 
 
 def decode(data: bytes, name: str, most_pixels: int = MOST_PICTURE_PIXELS) -> Image:
-    """Decodes all bytes of a picture file, called `name` in messages, to (h, w) uint8.
+    """Decodes a picture file to (h, w) uint8; arguments and errors are those of `unpacked`."""
+    return to_grey(unpacked(data, name, most_pixels, cv2.IMREAD_GRAYSCALE))
 
-    A PNG or JPEG that claims more than `most_pixels` is refused before memory is spent on it: four
-    damaged bytes can ask for 2 GB. Other formats, with OpenCV's limit of 2^30, are refused after.
+
+def unpacked(data: bytes, name: str, most_pixels: int, flags: int) -> NDArray[Any]:
+    """Decodes all bytes of a picture file, called `name` in messages, as OpenCV does.
+
+    A picture that claims more than `most_pixels` is refused before memory is spent on it: four
+    damaged bytes can ask for 2 GB, and a few kilobytes unfold to them. What does not say its size
+    as PNG, JPEG, BMP, PNM, TIFF, WebP or GIF do is no picture.
+
+    Args:
+        flags: of `cv2.imdecode`.
 
     Raises:
         PictureError: It is cut off, too large, or is no picture; the message begins with `name`.
@@ -86,17 +102,13 @@ def decode(data: bytes, name: str, most_pixels: int = MOST_PICTURE_PIXELS) -> Im
         most = f"at most {most_pixels} pixels"
         raise PictureError(f"{name} claims to have {width} x {height} pixels, expected {most}")
     try:
-        image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_GRAYSCALE)
+        known = width * height > 0
+        image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags) if known else None
     except cv2.error:
         image = None
     if image is None or image.size == 0:
         raise PictureError(f"{name} is no picture, or a damaged one")
-    if image.size > most_pixels:
-        height, width = image.shape
-        raise PictureError(
-            f"{name} has {width} x {height} pixels, expected at most {most_pixels} pixels"
-        )
-    return to_grey(image)
+    return np.asarray(image)
 
 
 def is_jpeg(data: bytes) -> bool:
@@ -105,11 +117,25 @@ def is_jpeg(data: bytes) -> bool:
 
 
 def _claimed_size(data: bytes) -> tuple[int, int]:
-    """Width and height in the header of a PNG or JPEG; zeros where there is none."""
+    """Width and height in the header of a picture; zeros where there is none."""
     if data.startswith(_PNG) and data[12:16] == b"IHDR":
         return _number(data, 16, 4), _number(data, 20, 4)
-    if not is_jpeg(data):
-        return 0, 0
+    if is_jpeg(data):
+        return _jpeg_size(data)
+    if data.startswith(_BMP) and _number(data, 14, 4, "little") != 12:  # 12: that of OS/2
+        width, height = (_number(data, place, 4, "little", signed=True) for place in (18, 22))
+        return abs(width), abs(height)
+    if data.startswith(_GIF):
+        return _number(data, 6, 2, "little"), _number(data, 8, 2, "little")
+    if data.startswith((b"II*\0", b"MM\0*")):
+        return _tiff_size(data, "little" if data.startswith(b"II") else "big")
+    if data[8:15] == _WEBP:
+        return _webp_size(data)
+    text = _PNM.match(data[:4096])
+    return (int(text[1]), int(text[2])) if text else (0, 0)
+
+
+def _jpeg_size(data: bytes) -> tuple[int, int]:
     place = len(_JPEG)
     while (place := data.find(b"\xff", place)) >= 0:
         marker = data[place + 1] if place + 1 < len(data) else 0
@@ -124,8 +150,32 @@ def _claimed_size(data: bytes) -> tuple[int, int]:
     return 0, 0
 
 
-def _number(data: bytes, place: int, length: int) -> int:
-    return int.from_bytes(data[place : place + length], "big")
+def _tiff_size(data: bytes, order: _Order) -> tuple[int, int]:
+    """Of the first picture, or of its tiles where these are larger. Source: TIFF 6.0, section 2."""
+    begin = _number(data, 4, 4, order) + 2
+    sizes = {256: 0, 257: 0, 322: 0, 323: 0}
+    for place in range(begin, begin + 12 * _number(data, begin - 2, 2, order), 12):
+        tag, length = _number(data, place, 2, order), 2 * _number(data, place + 2, 2, order) - 4
+        if tag in sizes and length in (2, 4):  # of a number of 16 or 32 bits: kinds 3 and 4
+            sizes[tag] = max(sizes[tag], _number(data, place + 8, length, order))
+    return max(sizes[256], sizes[322]), max(sizes[257], sizes[323])
+
+
+def _webp_size(data: bytes) -> tuple[int, int]:
+    """Source: RFC 9649, sections 2.5 to 2.7, and RFC 6386, section 9.1."""
+    kind = data[15:16]
+    if kind == b"X":
+        return _number(data, 24, 3, "little") + 1, _number(data, 27, 3, "little") + 1
+    if kind == b"L":
+        bits = _number(data, 21, 4, "little")
+        return (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1
+    return _number(data, 26, 2, "little") & 0x3FFF, _number(data, 28, 2, "little") & 0x3FFF
+
+
+def _number(
+    data: bytes, place: int, length: int, order: _Order = "big", *, signed: bool = False
+) -> int:
+    return int.from_bytes(data[place : place + length], order, signed=signed)
 
 
 def _is_whole(data: bytes) -> bool:
