@@ -90,6 +90,7 @@ class ConfigError(VsenseError):
 _LISTED = 120
 _ALIKE, _VERY_ALIKE = 0.6, 0.75
 _BEGUN = 3
+_LONGEST = 200
 """So many letters of a name say which one is meant."""
 
 
@@ -127,12 +128,22 @@ def instead(name: str, choices: Iterable[str], say: str = "there are") -> str:
 
 
 @contextmanager
-def failing_as(kind: type[VsenseError], what: str) -> Iterator[None]:
-    """Raises `kind` in place of an OSError: `what` failed, and the system's reason."""
+def failing_as(
+    kind: type[VsenseError], what: str, damage: tuple[type[Exception], ...] = ()
+) -> Iterator[None]:
+    """Raises `kind` in place of an OSError: `what` failed, and the system's reason.
+
+    `damage` is what else means so; errors of ours stay as they are.
+    """
     try:
         yield
+    except VsenseError:
+        raise
     except OSError as error:
-        raise kind(f"{what}: {error.strerror}") from None
+        raise kind(f"{what}: {error.strerror or error}") from None
+    except damage as error:
+        words = " ".join(f"{type(error).__name__}: {error}".split())
+        raise kind(f"{what}: {words[:_LONGEST]}") from None
 
 
 def pip_line(package: str) -> str:

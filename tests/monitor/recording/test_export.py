@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
+import tracemalloc
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -159,6 +161,49 @@ def test_half_a_character_ends_no_export(tmp_path: Path) -> None:
     with open_recording(path) as opened:
         assert export_csv(opened, tmp_path / "tables")["events"] == 1
     assert "half ?" in (tmp_path / "tables" / "events.csv").read_text()
+
+
+@pytest.mark.parametrize("name", ["readings of robots", "measures"])
+def test_more_columns_than_any_run_has_are_refused(name: str, tmp_path: Path) -> None:
+    sensors = [{"name": "x", "count": 99_999}, {"name": "y", "count": -99_999}]
+    sent = {
+        "readings of robots": Message("/experiment", 1, {"controllers": [{"sensors": sensors}]}),
+        "measures": Message("/signals", 1, {"measures": {f"m{n}": n for n in range(1025)}}),
+    }
+    path = record(tmp_path / "wide.mcap", [sent[name]])
+    said = pytest.raises(RecordingError, match=rf"wide\.mcap: says \d+ {name}, expected at most")
+    with open_recording(path) as opened, said:
+        export_csv(opened, tmp_path / "tables")
+    assert not (tmp_path / "tables").exists()
+
+
+def test_a_name_that_no_reader_takes_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("pyarrow")
+    path = record(tmp_path / "a.mcap", [Message("/signals", 1, {"measures": {"m" * 200_000: 1.0}})])
+    assert cli.main(["export", str(path), "--parquet"]) == 2
+    assert "measures.csv is no Parquet, and stays: Error: field larger" in capsys.readouterr().err
+
+
+def test_a_message_of_many_rows_takes_little_memory(tmp_path: Path) -> None:
+    tags = list(range(700))
+    ears = {"name": "range_and_bearing", "count": 4, "max_messages": 1, "range_m": 1e9,
+            "view_rad": 7.0}  # fmt: skip
+    robots: dict[str, Any] = {"tag": tags, "x_m": tags, "y_m": tags, "yaw_rad": [0.0] * 700}
+    readings = {"timestep": 0, "capture_ns": 9, "tag": tags, "values": [[[0, 0, 0, 0]]] * 700,
+                "captured_ns": [[9]] * 700}  # fmt: skip
+    experiment = {"body_radius_m": 0.035, "robots": [{"tag": tag} for tag in tags],
+                  "controllers": [{"tags": tags, "sensors": [ears]}]}  # fmt: skip
+    sent = [Message("/experiment", 1, experiment), Message("/readings", 3, readings)]
+    sent.insert(1, Message("/arena", 2, {"capture_ns": 9, "robots": robots}))
+    with open_recording(record(tmp_path / "a.mcap", sent)) as opened:
+        tracemalloc.start()
+        try:
+            assert export_csv(opened, tmp_path / "tables")["heard"] == 700 * 699
+            assert tracemalloc.get_traced_memory()[1] < 20 << 20
+        finally:
+            tracemalloc.stop()
 
 
 def test_nothing_is_written_over(file: Path, tmp_path: Path) -> None:

@@ -92,6 +92,12 @@ def test_other_settings_differ_and_it_says_how(lab: ArenaTracker, tmp_path: Path
     assert closed.lines()[-1].startswith(f"robots only in the recording: {closed.only_before}")
 
 
+def test_a_division_by_what_somebody_wrote_is_said(lab: ArenaTracker, tmp_path: Path) -> None:
+    path = track(tmp_path / "run.mcap", lab, MADE)
+    with pytest.raises(RecordingError, match=r"run\.mcap: cannot be tracked again: ZeroDivision"):
+        again(path, lambda made: {**made, "plan": {**made["plan"], "key_frame_period": 0}})
+
+
 def test_memory_survives_json(lab: ArenaTracker) -> None:
     for timestep in range(14):
         lab.update(frames(timestep))

@@ -17,6 +17,7 @@ from tests.rigs.places import DATA
 from vsense.base.arena import POSE, ArenaState
 from vsense.base.message_bus import Message
 from vsense.cli import main
+from vsense.monitor.recording._rosbag import export_rosbag
 from vsense.monitor.recording.reader import open_recording
 from vsense.monitor.ros2 import DEFINITIONS, Ros2Converter, distinct, plain
 from vsense.vision.cameras.camera import Camera
@@ -207,6 +208,26 @@ def test_damaged_messages_are_left_out() -> None:
         for data in ({}, dict.fromkeys(message.data), {"cameras": [{}], "tag": [1]}):
             assert converter.convert(Message(message.topic, 1, data)) == []
     assert converter.convert(Message("/nothing", 1, {})) == []
+
+
+ONE_ROBOT = {
+    **{"tag": [1], "covariance": [None], "seen": [True]},
+    **{name: [0.1] for name in ("x_m", "y_m", "yaw_rad", "speed_m_s")},
+}
+
+
+@pytest.mark.parametrize(
+    ("topic", "data"),
+    [
+        ("/robots", {"tag": [1], "battery_mv": [1e300]}),
+        ("/arena", {"capture_ns": 1 << 62, "robots": ONE_ROBOT}),
+        ("/arena", {"capture_ns": 10**30, "robots": ONE_ROBOT}),
+    ],
+)
+def test_what_no_bag_holds_is_left_out(topic: str, data: dict[str, Any], tmp_path: Path) -> None:
+    sent = [Message(topic, 1, {"timestep": 0, "run_timestep": 0, **data})]
+    with open_recording(record(tmp_path / "odd.mcap", sent)) as opened:
+        assert export_rosbag(opened, tmp_path / "bag") == {}
 
 
 @pytest.mark.parametrize(

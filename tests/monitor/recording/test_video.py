@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import os
 import resource
@@ -140,11 +141,36 @@ def test_robots_and_objects_that_are_damaged_end_no_film() -> None:
     damaged: list[dict[str, Any]] = [
         {"tag": 1, "height_m": 10**400, "radius_m": 0.04}, {"tag": [2], "height_m": 0.1},
         {"tag": 3, "height_m": None}, {"height_m": 0.1}, {"tag": 4, "height_m": 0.05},
+        {"tag": 5, "height_m": 1e300, "radius_m": 1e300},
     ]  # fmt: skip
     arena = {"size_m": [1, 1, 1], "centre_m": [0, 0, 0]}
     scenes = RecordedScenes({"arena": arena, "robots": damaged, "objects": damaged})
     assert (scenes._heights, scenes._radii) == ({4: 0.05}, {1: 0.04})
-    assert scenes._objects == {1, 3, 4}
+    assert scenes._objects == {1, 3, 4, 5}
+
+
+def test_a_field_that_opencv_cannot_draw_ends_no_film() -> None:
+    arena = {"size_m": [1, 1, 1], "centre_m": [0, 0, 0]}
+    field = {"id": "f", "rows": 1, "columns": 40_000, "corner_m": [0, 0], "cell_m": 1.0}
+    levels = base64.b64encode(bytes(40_000)).decode()
+    scenes = RecordedScenes({"arena": arena})
+    scenes.take(Message("/fields", 1, {"fields": [{**field, "levels": levels}]}))
+    assert scenes.moment() is None
+
+
+@pytest.mark.parametrize(
+    "arena",
+    [
+        {"size_m": [1e-300, 1e-300, 1], "centre_m": [0, 0, 0]},
+        {"size_m": [100, 1e-308, 1], "centre_m": [0, 0, 0]},
+        {"size_m": [1, 1, 1], "centre_m": [1e300, 0, 0]},
+    ],
+)
+def test_an_arena_that_cannot_be_drawn_is_said(arena: dict[str, Any], tmp_path: Path) -> None:
+    path = record(tmp_path / "a.mcap", [Message("/experiment", BEGIN_NS, {"arena": arena})])
+    said = pytest.raises(RecordingError, match=r"a\.mcap: cannot be drawn: its arena of ")
+    with open_recording(path) as opened, said:
+        next(Video(opened, VideoPlan()).images())
 
 
 def test_a_picture_has_the_moment_of_its_own_capture(file: Path) -> None:

@@ -50,7 +50,7 @@ LASTING = frozenset({"/experiment", "/world", "/run", "/event", "/gap"})
 
 _LEVELS = {"info": 2, "warning": 3, "trouble": 4}
 _DAMAGED = (
-    *(KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError, RecursionError),
+    *(KeyError, TypeError, ValueError, IndexError, AttributeError, ArithmeticError, RecursionError),
     *(CameraError, cv2.error, struct.error),
 )
 

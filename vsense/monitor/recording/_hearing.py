@@ -117,7 +117,7 @@ def _ears_of(controller: Mapping[str, Any]) -> _Ears | None:
     """None: it has no such sensor, or its recording does not say enough of it."""
     sensors = controller.get("sensors")
     for place, sensor in enumerate(sensors if isinstance(sensors, list) else []):
-        with suppress(*DAMAGED, ZeroDivisionError):
+        with suppress(*DAMAGED):
             if sensor["name"] == SENSOR:
                 numbers = (int(sensor["count"]) - 1) // int(sensor["max_messages"])
                 return _Ears(place, numbers, float(sensor["range_m"]), float(sensor["view_rad"]))

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from vsense.base.errors import failing_as, require
+from vsense.monitor.recording import DAMAGED
 from vsense.monitor.recording.form import RecordingError
 from vsense.monitor.recording.reader import Recording
 from vsense.monitor.ros2 import DEFINITIONS, LATCHED, Ros2Converter, build
@@ -40,13 +41,16 @@ def export_rosbag(recording: Recording, folder: Path) -> dict[str, int]:
             for message in recording.messages():
                 for found in converter.convert(message):
                     kind = _full(found.kind)
+                    try:
+                        made = build(kinds, found.kind, found.fields, lambda numbers: numbers)
+                        data = store.serialize_cdr(made, kind)
+                    except DAMAGED:
+                        continue
                     if found.topic not in connections:
                         qos = _latched() if found.topic.endswith(LATCHED) else []
                         connections[found.topic] = bag.add_connection(
                             found.topic, kind, typestore=store, offered_qos_profiles=qos
                         )
-                    made = build(kinds, found.kind, found.fields, lambda numbers: numbers)
-                    data = store.serialize_cdr(made, kind)
                     bag.write(connections[found.topic], max(found.time_ns, 0), data)
                     counts[found.topic] = counts.get(found.topic, 0) + 1
     except BaseException:

@@ -46,7 +46,7 @@ _KINDS: dict[str, type[Entity]] = {
 _STATES_MAX = 150
 """Arena states that a picture may belong to: pictures come later than their states."""
 _TRAIL = 40
-_MOST_M = 1e4
+_LEAST_M, _MOST_M, _FARTHEST_M = 1e-2, 1e4, 1e6
 _WORDS = 4
 
 
@@ -106,7 +106,7 @@ class RecordedScenes:
 
     def take(self, message: Message) -> None:
         """Takes one message, in the order of the recording."""
-        with suppress(*DAMAGED, WorldError):
+        with suppress(*DAMAGED, WorldError, cv2.error):
             self._takers[message.topic](message.data)
 
     def moment(self) -> ArenaMoment | None:
@@ -273,9 +273,10 @@ def _arena_of(data: Mapping[str, Any]) -> Arena:
         x, y, z = (float(value) for value in data["centre_m"])
     except (*DAMAGED, WorldError):
         raise ValueError("it has no arena") from None
-    fits = all(0.0 < size <= _MOST_M for size in (size_x, size_y))
-    if not fits or not all(math.isfinite(value) for value in (x, y, z, size_z)):
-        raise ValueError(f"its arena of {size_x:g} x {size_y:g} m cannot be drawn")
+    fits = all(_LEAST_M <= size <= _MOST_M for size in (size_x, size_y))
+    if not fits or not all(abs(value) <= _FARTHEST_M for value in (x, y, z, size_z)):
+        where = f"{size_x:g} x {size_y:g} m around ({x:g}, {y:g}) m"
+        raise ValueError(f"its arena of {where} cannot be drawn")
     return Arena((size_x, size_y, size_z), (x, y, z))
 
 
@@ -284,7 +285,9 @@ def _lengths(robots: Iterable[Mapping[str, Any]], name: str) -> dict[int, float]
     lengths: dict[int, float] = {}
     for robot in robots:
         with suppress(*DAMAGED):
-            lengths[robot["tag"]] = float(robot[name])
+            length_m = float(robot[name])
+            if 0.0 <= length_m <= _MOST_M:
+                lengths[robot["tag"]] = length_m
     return lengths
 
 

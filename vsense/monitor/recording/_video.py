@@ -10,9 +10,10 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
-from vsense.base.errors import instead
+from vsense.base.errors import failing_as, instead
 from vsense.base.message_bus import Message
 from vsense.monitor.recording import DAMAGED, form
 from vsense.monitor.recording._film import Film, RecordedPicture
@@ -29,6 +30,9 @@ _USUAL_FPS = 10.0
 _BEFORE_S = 5.0
 _LOOKED_AT = 200
 """Arena states that tell how many there are in a second."""
+_LONGEST_S = 60.0
+"""No timestep is longer."""
+_UNDRAWN = (*DAMAGED, cv2.error)
 _DURING = ("running", "paused")
 
 
@@ -77,7 +81,8 @@ class Video:
         facts = ExperimentMessage.read(data)
         self._check_robot(facts)
         self._arena, self._cameras = self._shown(facts)
-        usual = 1.0 / facts.timestep_s if facts.timestep_s else self._rate_hz()
+        timestep_s = facts.timestep_s or 0.0
+        usual = 1.0 / timestep_s if 0.0 < timestep_s <= _LONGEST_S else self._rate_hz()
         self.fps = plan.fps or min(usual * plan.speed, MOST_FPS)
         self._from_s, to_s = self._span()
         self.frames = max(int((to_s - self._from_s) / plan.speed * self.fps + 1e-6), 1)
@@ -108,7 +113,8 @@ class Video:
             (self._arena, self._cameras, self._plan.size),
             bool(self._recording.run.why),
         )
-        film = Film(self._scenes, *where, self._measured(), invalid)
+        with failing_as(RecordingError, f"{self._name}: cannot be drawn", _UNDRAWN):
+            film = Film(self._scenes, *where, self._measured(), invalid)
         self.old_pictures = film.old_pictures
         news = _Ahead(self._recording.messages(set(self._scenes.topics)), lambda m: m.time_ns)
         # Measures are drawn from the beginning on, pictures are wanted from now on.
@@ -130,7 +136,9 @@ class Video:
                 picture = _decoded(coming.pop(topic, None))
                 if picture is not None:
                     pictures[camera] = picture
-            yield film.frame(pictures, now_ns)
+            with failing_as(RecordingError, f"{self._name}: cannot be drawn", _UNDRAWN):
+                frame = film.frame(pictures, now_ns)
+            yield frame
 
     def _rate_hz(self) -> float:
         """How many arena states a second has, where nobody said how many there shall be."""

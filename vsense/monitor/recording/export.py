@@ -6,9 +6,10 @@ import csv
 import os
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -138,7 +139,9 @@ def _as_parquet(path: Path) -> None:
     from pyarrow import csv as tables
     from pyarrow import parquet
 
-    with path.open(encoding="utf-8", newline="") as file:
+    damage = (pyarrow.ArrowInvalid, csv.Error)
+    cannot = failing_as(RecordingError, f"{path} is no Parquet, and stays", damage)
+    with cannot, path.open(encoding="utf-8", newline="") as file:
         columns = next(csv.reader(file))
     text, whole, number = pyarrow.string(), pyarrow.int64(), pyarrow.float64()
     # A guess would make a number of a robot that is called 007, and nothing of an empty column.
@@ -147,10 +150,8 @@ def _as_parquet(path: Path) -> None:
         types = dict.fromkeys(columns, number) | {"timestep": whole}
     convert = tables.ConvertOptions(column_types=types, strings_can_be_null=True, null_values=[""])
     parse = tables.ParseOptions(newlines_in_values=True)
-    try:
+    with failing_as(RecordingError, f"{path} is no Parquet, and stays", damage):
         table = tables.read_csv(path, parse_options=parse, convert_options=convert)
-    except pyarrow.ArrowInvalid as error:
-        raise RecordingError(f"{path} is no Parquet, and stays: {error}") from None
     parquet.write_table(table, path.with_suffix(".parquet"))
     path.unlink()
 
@@ -225,38 +226,45 @@ def _say_lacking(opened: Recording, console: Console) -> dict[str, Any]:
 def export_csv(recording: Recording, folder: Path) -> dict[str, int]:
     """Writes a recording's tables into a folder; gives how many rows each has.
 
-    RecordingError if there are tables already, or they cannot be written.
+    RecordingError if there are tables already, they would have too many columns, or they cannot be
+    written.
     """
     paths = {name: folder / f"{name}.csv" for name in TABLES}
     for path in paths.values():
         if os.path.exists(path):
             raise RecordingError(f"{path}: is there already; expected another folder")
+    export = _Export(recording)
     with failing_as(RecordingError, f"{folder}: cannot be written"), ExitStack() as stack:
         folder.mkdir(parents=True, exist_ok=True)
         # A recording that somebody made may hold half a character.
         create = partial(Path.open, mode="x", encoding="utf-8", errors="replace", newline="")
         files = {name: stack.enter_context(create(path)) for name, path in paths.items()}
         writers = {name: csv.writer(file).writerow for name, file in files.items()}
-        return _Export(recording, writers).write()
+        return export.write(writers)
+
+
+_MOST_COLUMNS = {"readings of robots": 16384, "measures": 1024}
+"""Of a table: a datagram to a robot holds so many numbers."""
+_MOST_LETTERS = 200  # of a sensor's name, which each of its columns has
+_ROWS_AT_ONCE = 512  # a message may make millions of rows: all robots that heard all others
 
 
 class _Export:
-    """One export; damaged messages are left out."""
+    """One export; damaged messages are left out, of longer ones the rows from the damage on."""
 
-    def __init__(self, recording: Recording, write: Mapping[str, Callable[[Cells], Any]]) -> None:
+    def __init__(self, recording: Recording) -> None:
         self._recording = recording
-        self._write = write
         self._rows = dict.fromkeys(TABLES, 0)
         experiment = ExperimentMessage.read(recording.experiment)
         self._sensors = [_sensors_of(controller) for controller in experiment.controllers] or [[]]
         self._controller_of = experiment.controller_of()
         self._columns = _columns(self._sensors)
         self._measures = self._measure_names()
+        self._check()
         self._shown: dict[int, dict[str, Any]] = {}
         self._hearing = Hearing(experiment)
 
-    def write(self) -> dict[str, int]:
-        write = self._write
+    def write(self, write: Mapping[str, Callable[[Cells], Any]]) -> dict[str, int]:
         write["trajectories"](list(TRAJECTORIES))
         write["robots"](["time_s", *form.ROBOT_COLUMNS])
         write["heard"](["time_s", *HEARD])
@@ -276,14 +284,24 @@ class _Export:
         for message in self._recording.messages(rows.keys()):
             time_s = round((message.time_ns - self._recording.begin_ns) / 1e9, 9)
             for table, make in rows[message.topic]:
-                try:
-                    lines = [[time_s, *row] for row in make(message)]
-                except DAMAGED:
-                    continue
-                for row in lines:
-                    write[table](row)
-                self._rows[table] += len(lines)
+                with suppress(*DAMAGED):
+                    made = iter(make(message))
+                    while lines := [[time_s, *row] for row in islice(made, _ROWS_AT_ONCE)]:
+                        for row in lines:
+                            write[table](row)
+                        self._rows[table] += len(lines)
         return self._rows
+
+    def _check(self) -> None:
+        """Refuses more columns than any run has: a few bytes may ask for millions."""
+        counts = {
+            "readings of robots": sum(self._columns.values()),
+            "measures": len(self._measures),
+        }
+        for what, count in counts.items():
+            if count > (most := _MOST_COLUMNS[what]):
+                says = f"{self._recording.path}: says {count} {what}"
+                raise RecordingError(f"{says}, expected at most {most}")
 
     def _measure_names(self) -> list[str]:
         """All measures of the recording, in their order of appearance."""
@@ -332,7 +350,7 @@ Sensors = list[tuple[str, int]]
 def _sensors_of(controller: Any) -> Sensors:
     sensors = controller.get("sensors") if isinstance(controller, dict) else None
     rows = sensors if isinstance(sensors, list) else []
-    return [(str(s["name"]), int(s["count"])) for s in rows if _is_sensor(s)]
+    return [(str(s["name"])[:_MOST_LETTERS], int(s["count"])) for s in rows if _is_sensor(s)]
 
 
 def _columns(controllers: Iterable[Sensors]) -> dict[str, int]:
@@ -344,7 +362,8 @@ def _columns(controllers: Iterable[Sensors]) -> dict[str, int]:
 
 
 def _is_sensor(sensor: Any) -> bool:
-    return isinstance(sensor, dict) and "name" in sensor and isinstance(sensor.get("count"), int)
+    count = sensor.get("count") if isinstance(sensor, dict) and "name" in sensor else None
+    return isinstance(count, int) and count >= 0
 
 
 def _poses(message: Message) -> Iterable[Cells]:

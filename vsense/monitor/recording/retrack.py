@@ -12,6 +12,8 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import cv2
+
 from vsense.base.arena import ArenaState, Frame
 from vsense.base.message_bus import Message
 from vsense.monitor.recording import DAMAGED, form
@@ -170,7 +172,7 @@ class Retracking:
                 else:
                     yield from self._track(message)
             self.comparison.no_pictures += len(self._before)
-        except DAMAGED as error:
+        except (*DAMAGED, cv2.error) as error:
             name = self._recording.path
             raise RecordingError(f"{name}: cannot be tracked again: {error!r}") from None
         finally:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 FLOOR_SHARE = 0.5
 """The share of the floor's colour that is left, so that ways upon it can be seen."""
 _FLOOR_PX = 1024
-"""A side of its picture is drawn with at most so many pixels: Matplotlib turns each into many bytes."""
+"""A side of its picture is drawn with at most so many pixels: Matplotlib has each many times."""
 NEAR_SIZES = 20.0
 """What is so many sizes of the arena away is not drawn."""
 NEWEST_WIDTHS = 25.0
