@@ -20,7 +20,7 @@ from vsense.base.xml.parsing import NAMESPACE
 from vsense.config.experiment import load
 from vsense.config.specs import Stage
 from vsense.modes.sim._simulation import Simulation
-from vsense.robots import _argos_code, boards, build, finding
+from vsense.robots import _argos_code, _cmake, boards, build, finding
 from vsense.robots.compiling import BuildError
 from vsense.robots.inprocess import CompiledProgram, ControllerFailure, ProgramSetup
 from vsense.robots.link.table import Direction, Entry, Table
@@ -469,6 +469,16 @@ def test_cmake_says_what_a_name_is(repository: Path) -> None:
     asserted = 'static_assert(sizeof(BRANCH) == 1 && N == 3, "as CMake says");\n'
     source.write_text(asserted + source.read_text())
     assert list(shared_objects(load(repository, stage=Stage.SIM))) == ["c"]
+
+
+def test_a_command_is_read_however_deep_its_conditions_are(tmp_path: Path) -> None:
+    (tmp_path / "a.c").touch()
+    lines = (
+        'if(NOT (A AND (B OR (C))))\n#[[ add_library(x b.c) ]]\nadd_library(m "a.c")\nadd_library('
+    )
+    (tmp_path / "CMakeLists.txt").write_text(lines)
+    found = _cmake.read(tmp_path, [tmp_path / "CMakeLists.txt"])
+    assert [*found.targets] == ["m"] and found.sources("m") == [tmp_path / "a.c"]
 
 
 def found(file: Path, code: CodeOptions | None = None) -> list[str]:

@@ -25,9 +25,12 @@ _KEYWORDS = {
     *("SHARED", "STATIC", "MODULE", "OBJECT", "EXCLUDE_FROM_ALL", "PUBLIC", "PRIVATE"),
     *("INTERFACE", "BEFORE", "AFTER", "SYSTEM", "WIN32", "MACOSX_BUNDLE"),
 }
-_COMMENT = re.compile(r'("(?:\\.|[^"\\])*")|#\[\[.*?\]\]|#[^\n]*', re.S)
-_COMMAND = re.compile(r"([A-Za-z_]\w*)\s*\(((?:\"(?:\\.|[^\"\\])*\"|[^()\"]|\([^()]*\))*)\)", re.S)
-_ARGUMENT = re.compile(r'"((?:\\.|[^"\\])*)"|([^\s"]+)')
+# What is never closed ends with the text: to fail there would be to look again at each beginning.
+_TEXT, _CLOSED = r'"((?:\\.|[^"\\])*)', r'\\?(?:"|\Z)'
+_COMMENT = re.compile(rf"({_TEXT}{_CLOSED})|#\[\[.*?(?:\]\]|\Z)|#[^\n]*", re.S)
+_COMMAND = re.compile(r"(?<!\w)([A-Za-z_]\w*)\s*\(")
+_PART = re.compile(rf'{_TEXT}{_CLOSED}|[()]|[^()"]+', re.S)
+_ARGUMENT = re.compile(rf'{_TEXT}{_CLOSED}|([^\s"]+)', re.S)
 _VARIABLE = re.compile(r"\$\{([\w.-]+)\}")
 
 
@@ -153,9 +156,15 @@ class _Reader:
 def _commands(text: str, scope: dict[str, str]) -> Iterator[tuple[str, list[str]]]:
     """The commands of a file with their words; variables have the value of that moment."""
     plain = _COMMENT.sub(lambda match: match[1] or "", text)
-    for match in _COMMAND.finditer(plain):
+    at = 0
+    while match := _COMMAND.search(plain, at):
+        at, depth = match.end(), 1
+        while depth and (part := _PART.match(plain, at)):
+            at, depth = part.end(), depth + {"(": 1, ")": -1}.get(part[0], 0)
+        if depth:
+            return
         words: list[str] = []
-        for quoted, bare in _ARGUMENT.findall(match[2]):
+        for quoted, bare in _ARGUMENT.findall(plain, match.end(), at - 1):
             words += filter(None, _expanded(quoted or bare, scope).split(";"))
         yield match[1].lower(), words
 
