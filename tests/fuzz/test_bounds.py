@@ -38,7 +38,7 @@ from vsense.config.experiment import load
 from vsense.modes import origin
 from vsense.monitor.recording.reader import open_recording
 from vsense.monitor.ui.access import read_tokens
-from vsense.robots import key_holders
+from vsense.robots import _cmake, key_holders
 from vsense.robots.link import keys
 from vsense.robots.link.trackers import lines
 from vsense.robots.policy import read_policy
@@ -46,6 +46,8 @@ from vsense.run.runs_csv import read_runs
 from vsense.studies.benchmark import _comparing
 from vsense.studies.packages._archive import MANIFEST, Package
 from vsense.studies.packages._contents import CONTENTS, MOST_CONTENTS, PackageContents
+from vsense.studies.packages._places import Scrubber
+from vsense.studies.results import read_arrays
 from vsense.studies.series import _plan
 from vsense.vision.calibration import checked
 from vsense.vision.calibration._views import read_corners
@@ -139,6 +141,9 @@ READERS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "package": ("zip", package),
     "origin": ("zip", origin.read),
     "policy": ("onnx", read_policy),
+    "arrays": ("npz", read_arrays),
+    "CMake's lists": ("cmake", lambda path: _cmake.read(path.parent, [path])),
+    "accounts": ("words", lambda path: Scrubber([]).text(path.read_text())),
 }
 
 
@@ -375,16 +380,38 @@ def onnx() -> Hostile:
 def png() -> Hostile:
     """Pictures of zeros, of one bit to a pixel and in colours."""
     for bits, side in product((1, 24), (4096, 16384)):
-        packed = zlib.compressobj(9)
-        row = bytes(1 + side * bits // 8)
-        rows = packed.compress(row * min(side, (64 << 20) // len(row)))
+        rows = zlib.compress(bytes(min((1 + side * bits // 8) * side, 120 << 20)), 9)
         size = struct.pack(">IIBBBBB", side, side, min(bits, 8), 2 * (bits > 8), 0, 0, 0)
-        parts = {b"IHDR": size, b"IDAT": rows + packed.flush(), b"IEND": b""}
-        chunks = [
-            struct.pack(">I", len(part)) + name + part + struct.pack(">I", zlib.crc32(name + part))
-            for name, part in parts.items()
-        ]
-        yield f"{side} x {side} pixels of {bits} bits", b"\x89PNG\r\n\x1a\n" + b"".join(chunks)
+        data = b"\x89PNG\r\n\x1a\n"
+        for name, part in ((b"IHDR", size), (b"IDAT", rows), (b"IEND", b"")):
+            data += struct.pack(">I", len(part)) + name + part
+            data += struct.pack(">I", zlib.crc32(name + part))
+        yield f"{side} x {side} pixels of {bits} bits", data
+
+
+def npz() -> Hostile:
+    """Arrays that say they are larger than they are, and that unfold."""
+    for count, zeros in product((1 << 25, 20 * 10**12), (0, 256 << 20)):
+        head = (
+            f"{{'descr': '<f8', 'fortran_order': False, 'shape': ({count},), }}".ljust(117) + "\n"
+        )
+        array = b"\x93NUMPY\x01\x00" + struct.pack("<H", len(head)) + head.encode()
+        target = io.BytesIO()
+        with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr("poses.npy", array + bytes(zeros))
+        yield f"{count} numbers, {zeros} bytes", target.getvalue()
+
+
+def cmake() -> Hostile:
+    """Commands, texts and comments that never end, however they begin."""
+    pieces = ("a", "a(", 'a("', "#[[\n", '"', '\\"', 'a(\\"', 'a(("\\"', '("', "a ( ", "${a}")
+    for head, piece in product(("", '"', 'a("', "a(("), pieces):
+        yield f"{head} {piece}", filled(piece.encode(), head.encode())
+
+
+def words() -> Hostile:
+    for piece in ("a.", "1.", "a-", "a@", "1.1.1.1 ", "ab:", "a"):
+        yield piece, filled(piece.encode())
 
 
 FORMS: dict[str, Callable[[], Hostile]] = {
@@ -399,6 +426,9 @@ FORMS: dict[str, Callable[[], Hostile]] = {
     "text": text,
     "mcap": mcap,
     "png": png,
+    "npz": npz,
+    "cmake": cmake,
+    "words": words,
     "zip": lambda: iter(_zips()),
 }
 
@@ -442,8 +472,8 @@ def read_bounded(read: Callable[[Path], object], path: Path, cpu_s: int) -> str:
 def test_a_reader_is_bounded(
     name: str, size: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Packages and recordings are of 1 MB always."""
-    if READERS[name][0] not in ("zip", "mcap"):
+    """Packages, recordings and arrays are of 1 MB always."""
+    if READERS[name][0] not in ("zip", "mcap", "npz"):
         monkeypatch.setattr(sys.modules[__name__], "SIZE", size)
     form, read = READERS[name]
     cpu_s = CPU_S * SIZE // (1 << 20)

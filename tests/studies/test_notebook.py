@@ -289,6 +289,28 @@ def test_what_is_wrong_is_one_sentence(act, words: str) -> None:
         act()
 
 
+@pytest.mark.parametrize(
+    ("name", "data", "read"),
+    [
+        ("trajectory.npz", b"PK", lambda run: run.poses),
+        ("trajectory.npz", b"\x93NUMPY\x01\x00v\x00{'descr': '|O'", lambda run: run.leds),
+        ("summary.json", b"{", lambda run: run.summary),
+        ("summary.json", b"[1]", lambda run: run.measures),
+        ("measures.csv", b"time_s,a\n1,x\n", lambda run: run.measured),
+        ("events.csv", b"time_s,text\n1," + b"x" * 200_000, lambda run: run.events),
+        ("events.csv", b"time_s,text\n1,\xff\n", lambda run: run.events),
+    ],
+)
+def test_a_damaged_file_of_a_run_is_one_sentence(
+    name: str, data: bytes, read: Any, tmp_path: Path
+) -> None:
+    (tmp_path / name).write_bytes(data)
+    with pytest.raises(
+        vsense.VsenseError, match=rf"{name}: (cannot be read|is left by no run): \w+"
+    ):
+        read(FinishedRun(tmp_path))
+
+
 def test_loading_needs_no_opencv() -> None:
     code = "import sys, vsense; vsense.load('foraging'); print('cv2' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -90,7 +90,6 @@ class ConfigError(VsenseError):
 _LISTED = 120
 _ALIKE, _VERY_ALIKE = 0.6, 0.75
 _BEGUN = 3
-_LONGEST = 200
 """So many letters of a name say which one is meant."""
 
 
@@ -133,17 +132,15 @@ def failing_as(
 ) -> Iterator[None]:
     """Raises `kind` in place of an OSError: `what` failed, and the system's reason.
 
-    `damage` is what else means so; errors of ours stay as they are.
+    `damage` is what else means so.
     """
     try:
         yield
-    except VsenseError:
-        raise
     except OSError as error:
         raise kind(f"{what}: {error.strerror or error}") from None
     except damage as error:
-        words = " ".join(f"{type(error).__name__}: {error}".split())
-        raise kind(f"{what}: {words[:_LONGEST]}") from None
+        words = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+        raise kind(f"{what}: {words}") from None
 
 
 def pip_line(package: str) -> str:

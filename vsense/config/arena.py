@@ -38,6 +38,8 @@ LIGHT_ELEMENT = "light"
 
 _MAX_PIXELS_PER_M = 1000.0
 _MAX_IMAGE_BYTES = 1 << 26
+_MOST_PIXELS = 4096 * 4096
+"""Of a floor's picture: unpacked and turned they take 128 MB."""
 _LEVELS_UP = 3
 _MIN_CELL_M = 0.001
 _MAX_CELL_M = 10.0
@@ -169,14 +171,18 @@ def read_image(path: Path) -> Image:
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: it holds no picture, or a larger one than a floor's.
+        ValueError: it holds no picture.
     """
+    return floor_picture(read_bytes(path, _MAX_IMAGE_BYTES))
+
+
+def floor_picture(data: bytes) -> Image:
+    """The same of a picture's bytes; ValueError: they are none, or a larger one than a floor's."""
     import cv2  # few floors have a picture
 
-    from vsense.vision.cameras.picture import MOST_FLOOR_PIXELS, unpacked
+    from vsense.vision.cameras.picture import decode
 
-    data = read_bytes(path, _MAX_IMAGE_BYTES)
-    image = unpacked(data, "it", MOST_FLOOR_PIXELS, cv2.IMREAD_UNCHANGED)
+    image = decode(data, "it", _MOST_PIXELS, cv2.IMREAD_UNCHANGED)
     if image.dtype != np.uint8:
         raise ValueError(f"has colours of {8 * image.itemsize} bits instead of 8")
     codes = {1: cv2.COLOR_GRAY2RGB, 3: cv2.COLOR_BGR2RGB, 4: cv2.COLOR_BGRA2RGBA}

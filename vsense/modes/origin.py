@@ -145,11 +145,9 @@ def read(path: Path) -> RunOrigin:
         data = read_bytes(path, _MOST_KEPT)
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             infos = archive.infolist()
-            if sum(info.file_size for info in infos) > len(data) + _UNFOLDED_BYTES:
-                most = f"{_UNFOLDED_BYTES >> 20} MB"
-                raise ValueError(f"unfolds to more than its own size and {most}")
-            if archive.getinfo(FACTS).file_size > MOST_FACTS_BYTES:
-                raise ValueError(f"{FACTS} has more than {MOST_FACTS_BYTES >> 20} MB")
+            size, most = sum(info.file_size for info in infos), len(data) + _UNFOLDED_BYTES
+            if size > most or archive.getinfo(FACTS).file_size > MOST_FACTS_BYTES:
+                raise ValueError(f"unfolds to {size} bytes")
             facts = json.loads(archive.read(FACTS))
             files = {one.filename: archive.read(one) for one in infos if one.filename != FACTS}
         machine, about, setups = (dict(facts[name]) for name in ("machine", "about", "setups"))

@@ -9,6 +9,8 @@ import importlib
 import io
 import math
 import os
+import zipfile
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -22,6 +24,7 @@ from vsense.base.errors import UsageError, VsenseError, failing_as, require
 from vsense.base.files import parse_json, read_text
 from vsense.base.terminal import spoken
 from vsense.config.specs import Experiment
+from vsense.monitor.recording import DAMAGED
 from vsense.run.directory import LOGGED, MEASURES_CSV, SUMMARY, TIMESTEPS_CSV, TRAJECTORY
 from vsense.run.runs_csv import RUNS, RunRow, read_runs
 
@@ -44,9 +47,8 @@ class FinishedRun:
     def summary(self) -> dict[str, Any]:
         """The figures: summary.json."""
         path = Path(self.folder) / SUMMARY
-        with failing_as(VsenseError, f"{path}: is left by no run"):
-            summary: dict[str, Any] = parse_json(read_text(path))
-        return summary
+        with failing_as(VsenseError, f"{path}: is left by no run", DAMAGED):
+            return dict(parse_json(read_text(path)).items())
 
     @property
     def measures(self) -> dict[str, float]:
@@ -68,9 +70,7 @@ class FinishedRun:
         path = Path(self.folder) / TRAJECTORY
         if not os.path.exists(path) and os.path.exists(self.recording):
             return self._recorded()
-        cannot = failing_as(VsenseError, f"{path}: cannot be read")
-        with cannot, np.load(path, allow_pickle=False) as arrays:
-            return dict(arrays)
+        return read_arrays(path)
 
     def _recorded(self) -> Columns:
         """What cameras saw and robots reported, as `trajectory.npz` has it of a simulation."""
@@ -138,8 +138,9 @@ class FinishedRun:
             with open_recording(self.recording) as recording:
                 said = [message.data for message in recording.messages({"/event"})]
             return [(e["time_s"], e["text"]) for e in said if e["time_s"] is not None]
-        rows = csv.DictReader(io.StringIO(read_text(path)))
-        return [(float(row["time_s"]), row["text"]) for row in rows]
+        with failing_as(VsenseError, f"{path}: cannot be read", DAMAGED):
+            rows = csv.DictReader(io.StringIO(read_text(path)))
+            return [(float(row["time_s"]), row["text"]) for row in rows]
 
     def columns(self) -> Columns:
         """One row for each timestep and robot: time_s, tag, x_m, y_m, yaw_rad, leds."""
@@ -278,11 +279,34 @@ def _measure(value: float | None) -> float:
     return float("nan") if value is None else value
 
 
+def read_arrays(path: Path) -> Columns:
+    """Reads a file of arrays that a run left, none compressed; VsenseError: it is none.
+
+    What its arrays and its ZIP file say of their sizes is believed as far as the file is large.
+    """
+    damage = (*DAMAGED, zipfile.BadZipFile, zlib.error, EOFError, RuntimeError)
+    cannot = failing_as(VsenseError, f"{path}: cannot be read", damage)
+    with cannot, zipfile.ZipFile(path) as archive:
+        infos = archive.infolist()
+        size, most = sum(info.file_size for info in infos), path.stat().st_size + (32 << 20)
+        if size > most or len(infos) > len(set(archive.namelist())):
+            raise ValueError(f"unfolds to {size} bytes, or names an array twice")
+        for info in infos:
+            with archive.open(info) as file:
+                np.lib.format.read_magic(file)
+                shape, _, dtype = np.lib.format.read_array_header_1_0(file)
+            if math.prod(shape) * max(dtype.itemsize, 1) > info.file_size:
+                raise ValueError(f"{info.filename} has {info.file_size} bytes, not {shape}")
+        with np.load(path, allow_pickle=False) as arrays:
+            return dict(arrays)
+
+
 def _columns(path: Path, first: Sequence[str]) -> Columns:
     """The columns of a table of numbers, but for the count of timesteps."""
-    rows = list(csv.DictReader(io.StringIO(read_text(path))))
-    names = [*first, *(n for n in (rows[0] if rows else ()) if n not in (*first, "run_timestep"))]
-    return {n: np.array([float(row[n] or "nan") for row in rows]) for n in names}
+    with failing_as(VsenseError, f"{path}: cannot be read", DAMAGED):
+        rows = list(csv.DictReader(io.StringIO(read_text(path))))
+        more = (n for n in (rows[0] if rows else ()) if n not in (*first, "run_timestep"))
+        return {n: np.array([float(row[n] or "nan") for row in rows]) for n in [*first, *more]}
 
 
 def _frame(columns: Columns) -> Any:

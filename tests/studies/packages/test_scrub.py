@@ -101,6 +101,7 @@ def test_what_is_not_known_stays_out(name: str, stays_out: bool) -> None:
     assert (_kinds.of_run(name) is None) == stays_out
 
 
+NESTED = json.loads("[" * 900 + "]" * 900)
 SETUP: dict[str, Any] = {
     "experiment": "foraging", "duration_s": 1.0, "robots": 2, "blind": False, "settings": {},
     "code": {"sources": {}, "includes": []}, "casting": {}, "start": None,
@@ -128,6 +129,24 @@ def test_what_is_not_vsenses_own_needs_trust(change: dict[str, Any], tmp_path: P
     assert where.setup(SETUP, trusted=False).experiment == str(shipped_file("foraging"))
     assert _places.is_own("@vsense/experiments/foraging.argos", SETUP)
     with pytest.raises(Untrusted, match="--trust"):
+        where.setup({**SETUP, **change}, trusted=False)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"duration_s": -1}, "duration_s: -1, expected more than 0 and at most 86400"),
+        ({"duration_s": 1e300}, r"duration_s: 1e\+300, expected"),
+        ({"duration_s": "1"}, "its set-up is damaged: TypeError"),
+        ({"robots": 10**9}, "robots: 1000000000, expected"),
+        ({"more": NESTED}, "its set-up is damaged: RecursionError"),
+    ],
+)
+def test_a_setup_that_no_command_line_makes_is_refused(
+    change: dict[str, Any], said: str, tmp_path: Path
+) -> None:
+    where = PackagePlaces(tmp_path / "package", tmp_path / "anew")
+    with pytest.raises(VsenseError, match=said):
         where.setup({**SETUP, **change}, trusted=False)
 
 

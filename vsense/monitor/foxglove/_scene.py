@@ -14,9 +14,9 @@ from typing import Any
 import cv2
 import numpy as np
 
+from vsense.config.arena import floor_picture
 from vsense.monitor.foxglove import _shapes
 from vsense.monitor.foxglove._shapes import ARENA_FRAME, Json, Rgba
-from vsense.vision.cameras.picture import MOST_FLOOR_PIXELS, unpacked
 from vsense.world.robot_models import EPUCK
 
 _WALL: Rgba = (0.55, 0.55, 0.58, 1.0)
@@ -229,17 +229,14 @@ def floor(data: Mapping[str, Any], utc_ns: int) -> Json | None:
     """The grid of the floor's picture, red, green, blue and opacity; None: it has none."""
     if data.get("png") is None:
         return None
-    png = base64.b64decode(data["png"])
-    image = unpacked(png, "the floor's picture", MOST_FLOOR_PIXELS, cv2.IMREAD_UNCHANGED)
-    if image.ndim != 3:
-        raise ValueError("the floor's picture is damaged")
+    image: Any = floor_picture(base64.b64decode(data["png"]))
     most = max(image.shape[:2])
     if most > _FLOOR_CELLS:
         size = [max(round(n * _FLOOR_CELLS / most), 1) for n in image.shape[1::-1]]
         image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
     # Rows of pictures begin above, those of grids at low y.
-    order = cv2.COLOR_BGRA2RGBA if image.shape[2] == 4 else cv2.COLOR_BGR2RGBA
-    cells = np.ascontiguousarray(cv2.cvtColor(image, order)[::-1])
+    image = image if image.shape[2] == 4 else cv2.cvtColor(image, cv2.COLOR_RGB2RGBA)
+    cells = np.ascontiguousarray(image[::-1])
     rows, columns = cells.shape[:2]
     (width, depth), (x_m, y_m) = data["size_m"][:2], data["centre_m"][:2]
     corner = (x_m - width / 2.0, y_m - depth / 2.0, -_LAYER_M)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from vsense.base.errors import failing_as, require
 from vsense.monitor.recording import DAMAGED
 from vsense.monitor.recording.form import RecordingError
 from vsense.monitor.recording.reader import Recording
-from vsense.monitor.ros2 import DEFINITIONS, LATCHED, Ros2Converter, build
+from vsense.monitor.ros2 import DEFINITIONS, LATCHED, Ros2Converter, Ros2Message, build
 
 
 def export_rosbag(recording: Recording, folder: Path) -> dict[str, int]:
@@ -30,33 +31,37 @@ def export_rosbag(recording: Recording, folder: Path) -> dict[str, int]:
     if os.path.exists(folder):
         raise RecordingError(f"{folder}: is there already; expected a new folder")
     store = get_typestore(Stores.ROS2_HUMBLE)
-    kinds = {name: store.types[_full(name)] for name in DEFINITIONS}
-    converter = Ros2Converter(recording.utc_shift_ns)
     connections, counts = dict[str, Any](), dict[str, int]()
     try:
         with (
             failing_as(RecordingError, f"{folder}: cannot be written"),
             Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as bag,
         ):
-            for message in recording.messages():
-                for found in converter.convert(message):
-                    kind = _full(found.kind)
-                    try:
-                        made = build(kinds, found.kind, found.fields, lambda numbers: numbers)
-                        data = store.serialize_cdr(made, kind)
-                    except DAMAGED:
-                        continue
-                    if found.topic not in connections:
-                        qos = _latched() if found.topic.endswith(LATCHED) else []
-                        connections[found.topic] = bag.add_connection(
-                            found.topic, kind, typestore=store, offered_qos_profiles=qos
-                        )
-                    bag.write(connections[found.topic], max(found.time_ns, 0), data)
-                    counts[found.topic] = counts.get(found.topic, 0) + 1
+            for found, data in _serialized(recording, store):
+                if found.topic not in connections:
+                    qos = _latched() if found.topic.endswith(LATCHED) else []
+                    connections[found.topic] = bag.add_connection(
+                        found.topic, _full(found.kind), typestore=store, offered_qos_profiles=qos
+                    )
+                bag.write(connections[found.topic], max(found.time_ns, 0), data)
+                counts[found.topic] = counts.get(found.topic, 0) + 1
     except BaseException:
         shutil.rmtree(folder, ignore_errors=True)
         raise
     return counts
+
+
+def _serialized(recording: Recording, store: Any) -> Iterator[tuple[Ros2Message, Any]]:
+    kinds = {name: store.types[_full(name)] for name in DEFINITIONS}
+    converter = Ros2Converter(recording.utc_shift_ns)
+    for message in recording.messages():
+        for found in converter.convert(message):
+            try:
+                made = build(kinds, found.kind, found.fields, lambda numbers: numbers)
+                data = store.serialize_cdr(made, _full(found.kind))
+            except DAMAGED:
+                continue
+            yield found, data
 
 
 def _full(name: str) -> str:

@@ -19,13 +19,13 @@ import numpy as np
 
 from vsense.base.arena import Floats
 from vsense.base.message_bus import Message
+from vsense.config.arena import floor_picture
 from vsense.monitor.pictures._scene import ArenaMoment, Senses
 from vsense.monitor.pictures.run_samples import WorldSnapshot, floor_raster, grid, make_snapshot
 from vsense.monitor.recording import DAMAGED, IN_CONE, LIT_IN_CONE
 from vsense.monitor.recording.form import ExperimentMessage
 from vsense.monitor.recording.measures import count_swarm
 from vsense.robots.link.status import RING_LEDS
-from vsense.vision.cameras.picture import MOST_FLOOR_PIXELS, unpacked
 from vsense.world.entities import (
     Arena,
     Box,
@@ -315,10 +315,7 @@ def _floor(floor: Mapping[str, Any] | None) -> Floor:
         if floor is not None:
             image = None
             if floor.get("png"):
-                data = base64.b64decode(floor["png"])
-                read = unpacked(data, "floor", MOST_FLOOR_PIXELS, cv2.IMREAD_UNCHANGED)
-                order = [2, 1, 0, 3][: read.shape[2]]
-                image = np.ascontiguousarray(read[..., order])
+                image = floor_picture(base64.b64decode(floor["png"]))
             size, centre, color = (tuple(floor[n]) for n in ("size_m", "centre_m", "color"))
             return Floor(image, size, centre, color)
     return Floor()

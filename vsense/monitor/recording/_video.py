@@ -30,8 +30,7 @@ _USUAL_FPS = 10.0
 _BEFORE_S = 5.0
 _LOOKED_AT = 200
 """Arena states that tell how many there are in a second."""
-_LONGEST_S = 60.0
-"""No timestep is longer."""
+_LONGEST_S = 60.0  # no timestep is longer
 _UNDRAWN = (*DAMAGED, cv2.error)
 _DURING = ("running", "paused")
 

@@ -226,8 +226,7 @@ def _say_lacking(opened: Recording, console: Console) -> dict[str, Any]:
 def export_csv(recording: Recording, folder: Path) -> dict[str, int]:
     """Writes a recording's tables into a folder; gives how many rows each has.
 
-    RecordingError if there are tables already, they would have too many columns, or they cannot be
-    written.
+    RecordingError if there are tables already, they would be too wide, or cannot be written.
     """
     paths = {name: folder / f"{name}.csv" for name in TABLES}
     for path in paths.values():
@@ -243,8 +242,7 @@ def export_csv(recording: Recording, folder: Path) -> dict[str, int]:
         return export.write(writers)
 
 
-_MOST_COLUMNS = {"readings of robots": 16384, "measures": 1024}
-"""Of a table: a datagram to a robot holds so many numbers."""
+_MOST_READINGS, _MOST_MEASURES = 16384, 1024  # a datagram holds so many numbers
 _MOST_LETTERS = 200  # of a sensor's name, which each of its columns has
 _ROWS_AT_ONCE = 512  # a message may make millions of rows: all robots that heard all others
 
@@ -260,7 +258,13 @@ class _Export:
         self._controller_of = experiment.controller_of()
         self._columns = _columns(self._sensors)
         self._measures = self._measure_names()
-        self._check()
+        for name, count, most in (
+            ("readings", sum(self._columns.values()), _MOST_READINGS),
+            ("measures", len(self._measures), _MOST_MEASURES),
+        ):
+            if count > most:  # a few bytes may ask for millions of columns
+                says = f"{recording.path}: says {count} {name}"
+                raise RecordingError(f"{says}, expected at most {most}")
         self._shown: dict[int, dict[str, Any]] = {}
         self._hearing = Hearing(experiment)
 
@@ -291,17 +295,6 @@ class _Export:
                             write[table](row)
                         self._rows[table] += len(lines)
         return self._rows
-
-    def _check(self) -> None:
-        """Refuses more columns than any run has: a few bytes may ask for millions."""
-        counts = {
-            "readings of robots": sum(self._columns.values()),
-            "measures": len(self._measures),
-        }
-        for what, count in counts.items():
-            if count > (most := _MOST_COLUMNS[what]):
-                says = f"{self._recording.path}: says {count} {what}"
-                raise RecordingError(f"{says}, expected at most {most}")
 
     def _measure_names(self) -> list[str]:
         """All measures of the recording, in their order of appearance."""

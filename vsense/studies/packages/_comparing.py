@@ -13,8 +13,6 @@ import io
 import json
 import math
 import os
-import zipfile
-import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -28,16 +26,15 @@ from numpy.typing import NDArray
 
 from vsense.base.errors import VsenseError
 from vsense.base.message_bus import Message
+from vsense.config.arena import floor_picture
+from vsense.monitor.recording import DAMAGED
 from vsense.studies.packages._places import Scrubber
-from vsense.vision.cameras.picture import MOST_FLOOR_PIXELS, unpacked
+from vsense.studies.results import read_arrays
 
-DAMAGED_FILE = (
-    *(KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError, EOFError),
-    *(OSError, csv.Error, zipfile.BadZipFile, zlib.error, cv2.error),
-)
+DAMAGED_FILE = (*(*DAMAGED, EOFError, OSError, MemoryError, cv2.error),)
 """What reading a file raises that is not what its name says."""
 
-_MOST_CELL, _MOST_ARRAYS = 40, 4 << 30
+_MOST_CELL = 40
 _OF_THE_CLOCK = ("/run", "/experiment", "/event")
 """Topics of a simulated recording that tell of the command, not only of the run."""
 
@@ -154,7 +151,7 @@ def files(before: Path, now: Path, scrubber: Scrubber) -> str:
             return arrays(before, now)
         if kind == ".png":
             return pictures(old, new)
-    except DAMAGED_FILE as error:
+    except (VsenseError, *DAMAGED_FILE) as error:
         return f"it is damaged: {error!r}"
     return f"other bytes ({len(old)} before, now {len(new)})"
 
@@ -181,14 +178,11 @@ def tables(before: str, now: str) -> str:
 
 
 def arrays(before: Path, now: Path) -> str:
-    """Compares two .npz files array by array; raises one of `DAMAGED`."""
-    with zipfile.ZipFile(before) as archive:
-        if sum(info.file_size for info in archive.infolist()) > _MOST_ARRAYS:
-            raise ValueError("more numbers than any run has")
-    with np.load(before, allow_pickle=False) as old, np.load(now, allow_pickle=False) as new:
-        if set(old.files) != set(new.files):
-            return f"other arrays: {sorted(set(old.files) ^ set(new.files))}"
-        differing = [words for name in old.files if (words := _array(name, old[name], new[name]))]
+    """Compares two .npz files array by array; VsenseError: one is none."""
+    old, new = read_arrays(before), read_arrays(now)
+    if old.keys() != new.keys():
+        return f"other arrays: {sorted(old.keys() ^ new.keys())}"
+    differing = [words for name in old if (words := _array(name, old[name], new[name]))]
     return "; ".join(differing) or "other bytes with the same arrays"
 
 
@@ -207,10 +201,7 @@ def _array(name: str, old: NDArray[Any], new: NDArray[Any]) -> str:
 
 def pictures(before: bytes, now: bytes) -> str:
     """Compares two pictures pixel by pixel."""
-    old, new = (
-        unpacked(data, "the picture", MOST_FLOOR_PIXELS, cv2.IMREAD_UNCHANGED)
-        for data in (before, now)
-    )
+    old, new = floor_picture(before), floor_picture(now)
     if old.shape != new.shape:
         return "a picture of another size"
     other = int((old != new).reshape(*old.shape[:2], -1).any(axis=2).sum())

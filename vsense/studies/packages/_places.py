@@ -33,7 +33,7 @@ ADDRESS = "192.0.2.1"
 
 _QUAD = re.compile(r"(?<![\w.-])(?:\d{1,3}\.){3}\d{1,3}(?![\w.-]*\d)")
 _SIX = re.compile(r"(?<![\w:])(?:[0-9a-fA-F]{1,4}:){3,7}[0-9a-fA-F:]{1,}(?![\w:])")
-_AT = re.compile(r"(?<![\w@/])[A-Za-z_][\w.-]*@[A-Za-z0-9][\w.-]*")
+_AT = re.compile(r"(?<![\w@/])[A-Za-z_][\w.-]{0,127}@[A-Za-z0-9][\w.-]*")
 _END = r"(?=$|[/\"'<>\s,:;)\]}&=])"
 _SHORTEST = 4
 """A machine's name with fewer letters may be any word."""
@@ -228,7 +228,7 @@ class PackagePlaces:
             setup = Setup.read({**self.real(values), "experiment": str(path)})
             if not all(isinstance(text, str) for pair in setup.settings.items() for text in pair):
                 raise TypeError("a setting is no text")
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
+        except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
             raise VsenseError(f"its set-up is damaged: {error!r}") from None
         self.make_folders(setup.code.includes)
         return setup

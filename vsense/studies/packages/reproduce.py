@@ -13,8 +13,9 @@ from typing import Any
 
 from vsense import __version__
 from vsense.base.errors import VsenseError, failing_as
-from vsense.base.files import MOST_TABLE_BYTES, parse_json, read_text
+from vsense.base.files import parse_json, read_text
 from vsense.config.specs import Experiment
+from vsense.modes import origin
 from vsense.modes.sim import fingerprint
 from vsense.modes.sim.job import Job
 from vsense.modes.sim.outcome import Task
@@ -145,7 +146,7 @@ class Simulating:
             raise VsenseError(_NO_ORIGIN)
         path = self._places.package / run.sources / SETUP_FILE
         try:
-            facts = parse_json(read_text(path, most_bytes=MOST_TABLE_BYTES))
+            facts = parse_json(read_text(path, most_bytes=origin.MOST_FACTS_BYTES))
             self._note_machine(run.sources, dict(facts["machine"]))
             setup = facts["setups"][run.key]
         except (OSError, ValueError, KeyError, TypeError) as error:

@@ -6,16 +6,15 @@ import base64
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-import cv2
 import numpy as np
 
 from vsense.base.arena import Floats
+from vsense.config.arena import floor_picture
 from vsense.monitor.recording import DAMAGED
 from vsense.studies.report._facts import entities, number, numbers
 from vsense.studies.report._findings import Findings
 from vsense.studies.report._gather import MAP_CELL_M, Gatherer
 from vsense.studies.report._plot import Drawing, label, new_figure, setting, width_of
-from vsense.vision.cameras.picture import MOST_FLOOR_PIXELS, unpacked
 from vsense.world.entities import Arena
 
 if TYPE_CHECKING:
@@ -284,8 +283,7 @@ def _floor(axes: Axes, world: Mapping[str, Any]) -> None:
         axes.set_facecolor(_pale(colour))
     try:
         size, middle = numbers(data.get("size_m"), 2), numbers(data.get("centre_m"), 2)
-        packed = base64.b64decode(data["png"])
-        image = unpacked(packed, "the floor's picture", MOST_FLOOR_PIXELS, cv2.IMREAD_COLOR)
+        image = floor_picture(base64.b64decode(data["png"]))
     except DAMAGED:
         return
     if size is None or min(size) <= 0.0:
@@ -293,5 +291,5 @@ def _floor(axes: Axes, world: Mapping[str, Any]) -> None:
     step = -(-max(image.shape[:2]) // _FLOOR_PX)
     (x, y), (width, height) = middle or (0.0, 0.0), size
     extent = (x - width / 2, x + width / 2, y - height / 2, y + height / 2)
-    pale = (255.0 * _pale(image[::step, ::step, ::-1] / np.float32(255.0))).astype(np.uint8)
+    pale = (255.0 * _pale(image[::step, ::step, :3] / np.float32(255.0))).astype(np.uint8)
     axes.imshow(pale, extent=extent, aspect="equal", interpolation="nearest")

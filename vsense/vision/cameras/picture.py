@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,9 +19,8 @@ from vsense.base.files import read_bytes
 MOST_PICTURE_BYTES = 512 << 20
 MOST_PICTURE_PIXELS = 50_000_000
 """More than any camera above an arena has; a picture then takes megabytes at most."""
-MOST_FLOOR_PIXELS = 4096 * 4096
-"""Of a floor's picture, which is in colour: unpacked and turned it takes 128 MB."""
 
+_GREY = cv2.IMREAD_GRAYSCALE
 _PNG = b"\x89PNG\r\n\x1a\n"
 _JPEG, _BMP, _GIF, _WEBP = b"\xff\xd8", b"BM", b"GIF8", b"WEBPVP8"
 _JPEG_END = b"\xff\xd9"
@@ -74,20 +74,14 @@ def read_picture(path: Path, name: str = "") -> Image:
     return decode(data, name)
 
 
-def decode(data: bytes, name: str, most_pixels: int = MOST_PICTURE_PIXELS) -> Image:
-    """Decodes a picture file to (h, w) uint8; arguments and errors are those of `unpacked`."""
-    return to_grey(unpacked(data, name, most_pixels, cv2.IMREAD_GRAYSCALE))
-
-
-def unpacked(data: bytes, name: str, most_pixels: int, flags: int) -> NDArray[Any]:
-    """Decodes all bytes of a picture file, called `name` in messages, as OpenCV does.
+def decode(
+    data: bytes, name: str, most_pixels: int = MOST_PICTURE_PIXELS, flags: int = _GREY
+) -> NDArray[Any]:
+    """Decodes all bytes of a picture file, called `name` in messages; by default to (h, w) uint8.
 
     A picture that claims more than `most_pixels` is refused before memory is spent on it: four
     damaged bytes can ask for 2 GB, and a few kilobytes unfold to them. What does not say its size
-    as PNG, JPEG, BMP, PNM, TIFF, WebP or GIF do is no picture.
-
-    Args:
-        flags: of `cv2.imdecode`.
+    as PNG, JPEG, BMP, PNM, TIFF, WebP or GIF do is no picture. `flags` are of `cv2.imdecode`.
 
     Raises:
         PictureError: It is cut off, too large, or is no picture; the message begins with `name`.
@@ -101,14 +95,13 @@ def unpacked(data: bytes, name: str, most_pixels: int, flags: int) -> NDArray[An
     if width * height > most_pixels:
         most = f"at most {most_pixels} pixels"
         raise PictureError(f"{name} claims to have {width} x {height} pixels, expected {most}")
-    try:
-        known = width * height > 0
-        image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags) if known else None
-    except cv2.error:
-        image = None
-    if image is None or image.size == 0:
+    image: NDArray[Any] | None = None
+    with suppress(cv2.error):
+        if width * height:
+            image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags)
+    if image is None:
         raise PictureError(f"{name} is no picture, or a damaged one")
-    return np.asarray(image)
+    return image
 
 
 def is_jpeg(data: bytes) -> bool:
@@ -123,8 +116,8 @@ def _claimed_size(data: bytes) -> tuple[int, int]:
     if is_jpeg(data):
         return _jpeg_size(data)
     if data.startswith(_BMP) and _number(data, 14, 4, "little") != 12:  # 12: that of OS/2
-        width, height = (_number(data, place, 4, "little", signed=True) for place in (18, 22))
-        return abs(width), abs(height)
+        height = _number(data, 22, 4, "little")  # below zero where the first row is the highest
+        return _number(data, 18, 4, "little"), min(height, (1 << 32) - height)
     if data.startswith(_GIF):
         return _number(data, 6, 2, "little"), _number(data, 8, 2, "little")
     if data.startswith((b"II*\0", b"MM\0*")):
@@ -172,10 +165,8 @@ def _webp_size(data: bytes) -> tuple[int, int]:
     return _number(data, 26, 2, "little") & 0x3FFF, _number(data, 28, 2, "little") & 0x3FFF
 
 
-def _number(
-    data: bytes, place: int, length: int, order: _Order = "big", *, signed: bool = False
-) -> int:
-    return int.from_bytes(data[place : place + length], order, signed=signed)
+def _number(data: bytes, place: int, length: int, order: _Order = "big") -> int:
+    return int.from_bytes(data[place : place + length], order)
 
 
 def _is_whole(data: bytes) -> bool:
