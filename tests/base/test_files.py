@@ -13,7 +13,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsense.base.errors import VsenseError
-from vsense.base.files import parse_json, read_bytes, read_text, replace_text
+from vsense.base.files import (
+    LOG_END_BYTES,
+    log_ends,
+    parse_json,
+    read_bytes,
+    read_text,
+    replace_text,
+)
 from vsense.config import battery_history, experiment, resources, roster
 from vsense.monitor.recording.reader import open_recording
 from vsense.monitor.ui.access import read_tokens
@@ -131,3 +138,14 @@ def test_a_file_is_replaced_whole_and_keeps_its_mode(
         replace_text(path, "\udc80", mode)
     assert [p.name for p in tmp_path.iterdir()] == ["plan"], "nothing is left of half a file"
     assert path.read_text() == "second\n"
+
+
+def test_of_a_log_without_end_its_ends_are_read_in_whole_lines(tmp_path: Path) -> None:
+    """A program that printed all the time made 800 MB, which a run read while robots stood."""
+    log = tmp_path / "31.log"
+    log.write_text("began\n" + "again\n" * 1_000_000 + "killed\n")
+    lines = log_ends(log).splitlines()
+    assert lines[0] == "began" and lines[-1] == "killed" and set(lines[1:-1]) == {"again"}
+    assert sum(map(len, lines)) < 2 * LOG_END_BYTES
+    log.write_text("began\nkilled")
+    assert log_ends(log) == "began\nkilled"

@@ -404,6 +404,8 @@ def npz() -> Hostile:
 
 def cmake() -> Hostile:
     """Commands, texts and comments that never end, however they begin."""
+    yield "variables that double", b"set(a x)" + b'set(a "${a}${a}")\n' * 60
+    yield "variables that repeat", b"set(a %s)" % (b"x" * 50_000) + b"set(b ${a})" * 5_000
     pieces = ("a", "a(", 'a("', "#[[\n", '"', '\\"', 'a(\\"', 'a(("\\"', '("', "a ( ", "${a}")
     for head, piece in product(("", '"', 'a("', "a(("), pieces):
         yield f"{head} {piece}", filled(piece.encode(), head.encode())

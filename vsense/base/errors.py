@@ -130,10 +130,7 @@ def instead(name: str, choices: Iterable[str], say: str = "there are") -> str:
 def failing_as(
     kind: type[VsenseError], what: str, damage: tuple[type[Exception], ...] = ()
 ) -> Iterator[None]:
-    """Raises `kind` in place of an OSError: `what` failed, and the system's reason.
-
-    `damage` is what else means so.
-    """
+    """Raises `kind` in place of an OSError or of `damage`: `what` failed, and the reason."""
     try:
         yield
     except OSError as error:

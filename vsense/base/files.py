@@ -29,6 +29,9 @@ MOST_FILE_BYTES = 16 << 20
 MOST_TABLE_BYTES = 256 << 20
 """Of a table that programs write: pictures' times, corners of many views."""
 
+LOG_END_BYTES = 64 << 10
+"""So much is read of either end of a log."""
+
 _KINDS = {
     stat.S_IFIFO: "is a pipe",
     stat.S_IFCHR: "is a device",
@@ -111,6 +114,22 @@ def read_text(path: Path, encoding: str = "utf-8", most_bytes: int = MOST_FILE_B
         UnicodeDecodeError: it is no text of this encoding.
     """
     return read_bytes(path, most_bytes).decode(encoding)
+
+
+def log_ends(path: Path) -> str:
+    """What a program has printed, which may be without end: its first and last `LOG_END_BYTES`.
+
+    Where something between them is left out both have whole lines only. OSError: there is no file.
+    """
+    with open_bytes(path) as file:
+        begun = file.read(LOG_END_BYTES)
+        size = os.fstat(file.fileno()).st_size
+        if size <= 2 * LOG_END_BYTES:
+            return (begun + file.read(LOG_END_BYTES)).decode(errors="replace")
+        file.seek(size - LOG_END_BYTES)
+        newest = file.read(LOG_END_BYTES)
+    whole = begun[: begun.rfind(b"\n") + 1] + newest[newest.find(b"\n") + 1 :]
+    return whole.decode(errors="replace")
 
 
 def stamp_of(path: Path) -> tuple[int, ...]:

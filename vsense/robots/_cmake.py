@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from vsense.base.errors import VsenseError
 from vsense.robots.sources import SOURCE_SUFFIXES
 
 LIST = "CMakeLists.txt"
@@ -21,6 +22,7 @@ ARGOSS_OWN = ("argos3core_", "argos3plugin_")
 
 _MAX_DEPTH = 20
 """Of CMake files that name each other."""
+_MOST_LETTERS = 8 << 20
 _KEYWORDS = {
     *("SHARED", "STATIC", "MODULE", "OBJECT", "EXCLUDE_FROM_ALL", "PUBLIC", "PRIVATE"),
     *("INTERFACE", "BEFORE", "AFTER", "SYSTEM", "WIN32", "MACOSX_BUNDLE"),
@@ -107,7 +109,7 @@ class _Reader:
             "CMAKE_CURRENT_SOURCE_DIR": str(folder),
             "CMAKE_CURRENT_LIST_DIR": str(path.parent),
         }
-        for command, words in _commands(path.read_text(encoding="utf-8", errors="replace"), scope):
+        for command, words in _commands(path, scope):
             self._run(command, words, folder, scope)
         self._depth -= 1
 
@@ -153,10 +155,11 @@ class _Reader:
                 self.repository.includes.append(path)
 
 
-def _commands(text: str, scope: dict[str, str]) -> Iterator[tuple[str, list[str]]]:
+def _commands(path: Path, scope: dict[str, str]) -> Iterator[tuple[str, list[str]]]:
     """The commands of a file with their words; variables have the value of that moment."""
+    text = path.read_text(encoding="utf-8", errors="replace")
     plain = _COMMENT.sub(lambda match: match[1] or "", text)
-    at = 0
+    at = letters = 0
     while match := _COMMAND.search(plain, at):
         at, depth = match.end(), 1
         while depth and (part := _PART.match(plain, at)):
@@ -165,15 +168,21 @@ def _commands(text: str, scope: dict[str, str]) -> Iterator[tuple[str, list[str]
             return
         words: list[str] = []
         for quoted, bare in _ARGUMENT.findall(plain, match.end(), at - 1):
-            words += filter(None, _expanded(quoted or bare, scope).split(";"))
+            word = _expanded(quoted or bare, scope)
+            letters += len(word)
+            if letters > _MOST_LETTERS:
+                raise VsenseError(
+                    f"{path}: its variables unfold to more than {_MOST_LETTERS >> 20} MB"
+                )
+            words += filter(None, word.split(";"))
         yield match[1].lower(), words
 
 
 def _expanded(word: str, scope: dict[str, str]) -> str:
     for _ in range(_MAX_DEPTH):
-        if "${" not in word:
+        if "${" not in word or len(word) > _MOST_LETTERS:
             break
-        word = _VARIABLE.sub(lambda match: scope.get(match[1], ""), word)
+        word = _VARIABLE.sub(lambda match: scope.get(match[1], ""), word, 16)
     return word
 
 

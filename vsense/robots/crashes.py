@@ -13,6 +13,7 @@ import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 
+from vsense.base.files import log_ends
 from vsense.base.native import kernel_ffi, kernels
 from vsense.robots._cache import cache_directory
 
@@ -51,7 +52,7 @@ class CrashNote:
 
 def words_of_log(log: Path, program: Path) -> str:
     """The same of a daemon of the lab that was killed, from what robot/lab/crash.c has written."""
-    rows = _FRAME.findall(log.read_text(errors="replace"))
+    rows = _FRAME.findall(log_ends(log))
     # The third crashed, after the handler's; calls return to the address behind them.
     own = [int(at, 16) - (n != 2) for n, (path, at) in enumerate(rows) if path == str(program)]
     return _line(str(program), own) if own else ""

@@ -166,7 +166,7 @@ def test_more_columns_than_any_run_has_are_refused(tmp_path: Path) -> None:
     sensors = [{"name": "x", "count": 99_999}, {"name": "y", "count": -99_999}]
     for topic, data in (
         ("/experiment", {"controllers": [{"sensors": sensors}]}),
-        ("/signals", {"measures": {f"m{n}": n for n in range(1025)}}),
+        ("/signals", {"measures": {f"m{n}": n for n in range(4097)}}),
     ):
         path = record(tmp_path / "wide.mcap", [Message(topic, 1, data)])
         said = pytest.raises(RecordingError, match=r"wide\.mcap: says \d+ \w+, expected at most")

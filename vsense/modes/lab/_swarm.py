@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.clock import pace
+from vsense.base.files import log_ends
 from vsense.base.processes import Lifeline, describe_exit, terminate
 from vsense.base.shared import LabError
 from vsense.config.specs import Experiment
@@ -162,7 +163,7 @@ class LabSwarm:
         said = dict.fromkeys(
             line.partition(": ")[2]
             for robot in self.robots
-            for line in self.log(robot.tag).read_text(errors="replace").splitlines()
+            for line in log_ends(self.log(robot.tag)).splitlines()
             if line.startswith(f"vsensed {robot.tag}: controller '")
         )
         return list(said)

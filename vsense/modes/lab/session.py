@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from vsense.base.errors import VsenseError
+from vsense.base.files import log_ends
 from vsense.base.shared import LabError
 from vsense.config.casting import Pair
 from vsense.config.specs import Experiment
@@ -219,7 +220,7 @@ class Session(ExperimentSession):
         for robot, how in self.swarm.fallen():
             log = self.swarm.log(robot.tag)
             if not self._ready:
-                said = boards.in_words(log.read_text(errors="replace")).strip().splitlines()
+                said = boards.in_words(log_ends(log)).strip().splitlines()
                 raise LabError(f"robot {robot.tag}: its daemon {how}: {said[-1] if said else ''}")
             self._fallen.append(f"robot {robot.tag}'s controller {how}")
             self.setup.console.say(

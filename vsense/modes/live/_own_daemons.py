@@ -14,6 +14,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from vsense.base.clock import host_ns
+from vsense.base.files import log_ends
 from vsense.base.processes import Lifeline, describe_exit, terminate
 from vsense.base.terminal import Level
 from vsense.config.roster import Roster, RosterRobot, read
@@ -81,7 +82,7 @@ class OwnDaemons:
         for tag, process in [*self._processes.items()]:
             if process.poll() is not None:
                 del self._processes[tag]
-                last = self._log(tag).read_text(errors="replace").splitlines()[-1:]
+                last = log_ends(self._log(tag)).splitlines()[-1:]
                 words = f"robot {tag}: its vsensed here {describe_exit(process.returncode)}"
                 self._say(": ".join([words, *last]), "trouble")
         for tag in self._commands.keys() - self._processes.keys():

@@ -48,10 +48,7 @@ class Setup:
 
     @classmethod
     def read(cls, data: Mapping[str, Any]) -> Setup:
-        """Reads what `dataclasses.asdict` made of one, also from JSON.
-
-        UsageError: a number is none that the command line takes.
-        """
+        """Reads what `dataclasses.asdict` made, also from JSON; UsageError: no such length."""
         for name, most in (("duration_s", 86_400.0), ("robots", 10_000)):
             if (value := data.get(name)) is not None and not 0 < value <= most:
                 raise UsageError(f"{name}: {value!r}, expected more than 0 and at most {most}")

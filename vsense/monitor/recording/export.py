@@ -242,7 +242,7 @@ def export_csv(recording: Recording, folder: Path) -> dict[str, int]:
         return export.write(writers)
 
 
-_MOST_READINGS, _MOST_MEASURES = 16384, 1024  # a datagram holds so many numbers
+_MOST_READINGS, _MOST_MEASURES = 16384, 4096  # a datagram holds so many numbers
 _MOST_LETTERS = 200  # of a sensor's name, which each of its columns has
 _ROWS_AT_ONCE = 512  # a message may make millions of rows: all robots that heard all others
 
@@ -263,8 +263,8 @@ class _Export:
             ("measures", len(self._measures), _MOST_MEASURES),
         ):
             if count > most:  # a few bytes may ask for millions of columns
-                says = f"{recording.path}: says {count} {name}"
-                raise RecordingError(f"{says}, expected at most {most}")
+                words = f"says {count} {name}, expected at most {most}"
+                raise RecordingError(f"{recording.path}: {words}")
         self._shown: dict[int, dict[str, Any]] = {}
         self._hearing = Hearing(experiment)
 
