@@ -41,6 +41,7 @@ os.initgroups(row.pw_name, row.pw_gid)
 os.setgid(row.pw_gid)
 os.setuid(row.pw_uid)
 os.umask(0o077)
+os.environ["HOME"] = os.path.join(os.environ["TMPDIR"], row.pw_name)
 """
 
 OPEN = (
@@ -101,8 +102,9 @@ class Lab:
     carl: str
 
     def environment(self) -> dict[str, str]:
-        # Without XDG_RUNTIME_DIR each has a folder of its own in the folder for temporary files.
-        kept = {name: value for name, value in os.environ.items() if name != "XDG_RUNTIME_DIR"}
+        # Without these each has a folder of its own in its home.
+        homes = ("XDG_RUNTIME_DIR", "XDG_CACHE_HOME")
+        kept = {name: value for name, value in os.environ.items() if name not in homes}
         place = {"VSENSE_LAB": str(self.folder), "TMPDIR": str(self.folder.parent)}
         return {**kept, **place, "LOGNAME": "root", "USER": "root"}
 

@@ -245,6 +245,17 @@ def test_the_folder_is_for_this_user_alone(place: Path, bell: ControlSocket) -> 
     place.chmod(0o700)
 
 
+def test_a_folder_of_another_account_is_told(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """HOME may still be that of who has called sudo."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    (tmp_path / "vsense").mkdir(mode=0o700)
+    monkeypatch.setattr(os, "getuid", lambda: (tmp_path / "vsense").stat().st_uid + 1)
+    with pytest.raises(ControlSocketError, match="another account's: set XDG_RUNTIME_DIR"):
+        folder()
+
+
 def test_the_socket_goes_with_the_process(place: Path, desk: Desk) -> None:
     bell = ControlSocket(lambda: STATUS, desk.give)
     assert bell.path.exists()

@@ -59,7 +59,10 @@ def folder() -> Path:
     with failing_as(ControlSocketError, str(place)):
         place.mkdir(mode=0o700, parents=True, exist_ok=True)
         status = place.lstat()
-    if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid() or status.st_mode & 0o077:
+    if status.st_uid != os.getuid():  # as where HOME is still that of who has called sudo
+        words = "it is another account's: set XDG_RUNTIME_DIR to a folder of yours"
+        raise ControlSocketError(f"{place}: {words}")
+    if not stat.S_ISDIR(status.st_mode) or status.st_mode & 0o077:
         raise ControlSocketError(f"{place}: others may enter it: remove it, and start again")
     return place
 
