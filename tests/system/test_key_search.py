@@ -154,7 +154,7 @@ def test_keys_and_tokens_are_in_private_files_only(
     lab = Lab(tmp_path / "run", "pollutant", *words, "--duration", "600", "--json")
     needles = [*forms(KNOWN), b"a-token-that"]
     try:
-        lab.wait_for("timestep 0")
+        lab.wait_for("  timestep ")
         address = re.findall(r"http://\S+:\d+", "".join(lab.said))[0]
         for end in ("controls", "looks"):
             urllib.request.urlopen(f"{address}/?token=a-token-that-{end}", timeout=20).close()
