@@ -466,13 +466,13 @@ BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     "the page": (("vsense",), (".js", ".css", ".html"), 46, 6000, 300),
     "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 297, 32700, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 38, 7700, 512),
-    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 667, 117766, 651),
+    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 667, 117759, 651),
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 
-CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 76648, 49, 19
+CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 76643, 49, 19
 """Lines of code in `vsense/`; imports between rooms, and between folders inside of rooms."""
-DOORS_MAX, NAMES_MAX = 203, 771
+DOORS_MAX, NAMES_MAX = 203, 772
 """Modules that another room imports, and names taken from them."""
 SPLATS_MAX, OUTSIDE_MAX = 9, 233
 """Calls `f(*(a, b))`; attributes that are assigned from outside of their object."""

@@ -4,15 +4,15 @@ is compiled and reads its corpus, with any compiler: none falls behind unseen wh
 from __future__ import annotations
 
 import subprocess
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 
-from tests.conftest import require_tool
 from tests.fuzz.c_targets import FLAGS, HERE, STRICT, names, sources
 from tests.fuzz.rooms import ROOMS
 from tests.fuzz.running import random_of, run_room
+from tests.rigs.compiling import compiled
+from tests.robots.conftest import Builder
 
 CASES = {"py-argos": 40, "py-mcap": 60, "py-mcap-json": 30, "py-family": 120, "py-session": 120}
 """Of those whose cases cost most; all others have 300."""
@@ -43,24 +43,17 @@ def test_what_no_refusal_explains_is_a_finding(monkeypatch: pytest.MonkeyPatch) 
     assert "scripts/bench fuzz --seed 1 --case 0 py-access" in outcome.findings[0]
 
 
-def _compiled(folder: Path, *arguments: str | Path) -> None:
-    command = [require_tool("cc", "build-essential"), *FLAGS, "-O0", *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder)
-    assert done.returncode == 0, done.stderr
-
-
 def test_all_c_targets_compile_and_their_corpora_hold(tmp_path: Path) -> None:
-    shared = list(sources())
-    with ThreadPoolExecutor(2) as pool:
-        list(pool.map(lambda some: _compiled(tmp_path, "-c", *some), (shared[::2], shared[1::2])))
-    objects = sorted(tmp_path.glob("*.o"))
-    assert len(objects) == len(shared)
-    subprocess.run(["ar", "rcs", "shared.a", *objects], check=True, cwd=tmp_path)
+    flags = [*FLAGS, "-O0"]
+    objects = Builder(tmp_path).objects(list(sources()), flags)
+    shared = tmp_path / "shared.a"
+    subprocess.run(["ar", "rcs", str(shared), *map(str, objects)], check=True)
     for name in names():
-        parts = HERE / "targets" / f"{name}.c", "shared.a", "-lm"
-        _compiled(tmp_path, *STRICT, "-DWITHOUT_LIBFUZZER", *parts, "-o", name)
+        source = HERE / "targets" / f"{name}.c"
+        words = [*flags, *STRICT, "-DWITHOUT_LIBFUZZER", source, shared, "-lm"]
+        program = compiled(tmp_path / name, *words)
         corpus = sorted(map(str, (HERE / "corpus" / name).iterdir()))
         assert corpus, name
-        program = [str(tmp_path / name), *corpus]
-        done = subprocess.run(program, capture_output=True, text=True, check=False, timeout=60)
+        run = [str(program), *corpus]
+        done = subprocess.run(run, capture_output=True, text=True, check=False, timeout=60)
         assert done.returncode == 0, f"{name}: {done.stderr}"

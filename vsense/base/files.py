@@ -116,6 +116,16 @@ def read_text(path: Path, encoding: str = "utf-8", most_bytes: int = MOST_FILE_B
     return read_bytes(path, most_bytes).decode(encoding)
 
 
+def cache_folder() -> Path | None:
+    """The account's folder for what can be made again: `$XDG_CACHE_HOME/vsense`, by default
+    `~/.cache/vsense`; None: it has no home directory."""
+    base = os.environ.get("XDG_CACHE_HOME")
+    try:
+        return Path(base or Path.home() / ".cache") / "vsense"
+    except RuntimeError:
+        return None
+
+
 def log_ends(path: Path) -> str:
     """What a program has printed, which may be without end: its first and last `LOG_END_BYTES`.
 

@@ -6,12 +6,20 @@ publishes the same messages again. `vsense/monitor/ui/MESSAGES.md` lists the top
 
 from __future__ import annotations
 
+import csv
+import struct
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from vsense.base.terminal import printable_lines
+
+DAMAGED = (
+    *(KeyError, TypeError, ValueError, IndexError, AttributeError, ArithmeticError),
+    *(RecursionError, struct.error, csv.Error),
+)
+"""What reading somebody's message may raise: JSON has integers that no float holds, too."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,8 +21,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from vsense.base.message_bus import Message
-from vsense.monitor.recording import DAMAGED
+from vsense.base.message_bus import DAMAGED, Message
 from vsense.monitor.recording.form import PICTURE, ExperimentMessage
 from vsense.vision.cameras.camera import Camera, CameraError
 

@@ -19,7 +19,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
-from vsense.base.files import replace_bytes
+from vsense.base.files import cache_folder, replace_bytes
 from vsense.robots.compiling import CFLAGS, HASH_PART, BuildError, Sources, Toolchain
 from vsense.robots.sources import content
 
@@ -36,15 +36,10 @@ def cache_directory() -> Path:
     Raises:
         BuildError: the user has no home directory.
     """
-    base = os.environ.get("XDG_CACHE_HOME")
-    if base:
-        return Path(base) / "vsense"
-    try:
-        return Path.home() / ".cache" / "vsense"
-    except RuntimeError:
-        raise BuildError(
-            "no home directory to keep builds in: set XDG_CACHE_HOME to a folder"
-        ) from None
+    folder = cache_folder()
+    if folder is None:
+        raise BuildError("no home directory to keep builds in: set XDG_CACHE_HOME to a folder")
+    return folder
 
 
 def built(target: Path, build: Callable[[Path], None]) -> Path:

@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 
 from vsense.base.errors import UsageError, VsenseError, failing_as, require
 from vsense.base.files import parse_json, read_text
+from vsense.base.message_bus import DAMAGED
 from vsense.base.terminal import spoken
 from vsense.config.specs import Experiment
-from vsense.monitor.recording import DAMAGED
 from vsense.run.directory import LOGGED, MEASURES_CSV, SUMMARY, TIMESTEPS_CSV, TRAJECTORY
 from vsense.run.runs_csv import RUNS, RunRow, read_runs
 

@@ -7,14 +7,13 @@ newest one of each topic.
 from __future__ import annotations
 
 import json
-import struct
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
 
-from vsense.base.message_bus import Message
+from vsense.base.message_bus import DAMAGED, Message
 from vsense.monitor.foxglove import _pictures, _scene, _schemas, _shapes
 from vsense.monitor.foxglove._pictures import ShownScale
 from vsense.monitor.foxglove._shapes import ARENA_FRAME, Json
@@ -49,10 +48,7 @@ LASTING = frozenset({"/experiment", "/world", "/run", "/event", "/gap"})
 """Topics that come rarely, and that whoever begins to look later needs: always to be converted."""
 
 _LEVELS = {"info": 2, "warning": 3, "trouble": 4}
-_DAMAGED = (
-    *(KeyError, TypeError, ValueError, IndexError, AttributeError, ArithmeticError, RecursionError),
-    *(CameraError, cv2.error, struct.error),
-)
+_UNUSABLE = (*DAMAGED, CameraError, cv2.error)
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +136,7 @@ class Channels:
             return []
         try:
             return list(maker(message))
-        except _DAMAGED:
+        except _UNUSABLE:
             return []
 
     def forget(self) -> None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import os
-import struct
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -25,11 +23,6 @@ MEASURED_FROM_S = 5.0
 """A shorter recording does not tell what a minute costs."""
 IN_CONE, LIT_IN_CONE = "robots_in_cone", "lit_in_cone"
 """Measures that are counted afterwards, where the run of a pollutant did not count them."""
-DAMAGED = (
-    *(KeyError, TypeError, ValueError, IndexError, AttributeError, ArithmeticError),
-    *(RecursionError, struct.error, csv.Error),
-)
-"""What reading somebody's message may raise: JSON has integers that no float holds, too."""
 
 
 def files_of(path: Path) -> list[Path]:

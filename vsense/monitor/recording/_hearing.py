@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from typing import Any, NamedTuple
 
-from vsense.monitor.recording import DAMAGED
+from vsense.base.message_bus import DAMAGED
 from vsense.monitor.recording.form import ExperimentMessage
 
 COLUMNS = ("timestep", "tag", "sender", "heard", "distance_m", "range_m", "bearing_rad", "age_s")

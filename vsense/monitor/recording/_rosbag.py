@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from vsense.base.errors import failing_as, require
-from vsense.monitor.recording import DAMAGED
+from vsense.base.message_bus import DAMAGED
 from vsense.monitor.recording.form import RecordingError
 from vsense.monitor.recording.reader import Recording
 from vsense.monitor.ros2 import DEFINITIONS, LATCHED, Ros2Converter, Ros2Message, build

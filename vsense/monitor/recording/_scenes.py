@@ -18,11 +18,11 @@ import cv2
 import numpy as np
 
 from vsense.base.arena import Floats
-from vsense.base.message_bus import Message
+from vsense.base.message_bus import DAMAGED, Message
 from vsense.config.arena import floor_picture
 from vsense.monitor.pictures._scene import ArenaMoment, Senses
 from vsense.monitor.pictures.run_samples import WorldSnapshot, floor_raster, grid, make_snapshot
-from vsense.monitor.recording import DAMAGED, IN_CONE, LIT_IN_CONE
+from vsense.monitor.recording import IN_CONE, LIT_IN_CONE
 from vsense.monitor.recording.form import ExperimentMessage
 from vsense.monitor.recording.measures import count_swarm
 from vsense.robots.link.status import RING_LEDS

@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 
 from vsense.base.errors import failing_as, instead
-from vsense.base.message_bus import Message
-from vsense.monitor.recording import DAMAGED, form
+from vsense.base.message_bus import DAMAGED, Message
+from vsense.monitor.recording import form
 from vsense.monitor.recording._film import Film, RecordedPicture
 from vsense.monitor.recording._scenes import RecordedScenes
 from vsense.monitor.recording._video_file import open_video

@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from vsense.base.errors import UsageError, failing_as, require
-from vsense.base.message_bus import Message
+from vsense.base.message_bus import DAMAGED, Message
 from vsense.base.terminal import Console, Interruption
 from vsense.monitor import recording
-from vsense.monitor.recording import DAMAGED, changes, form
+from vsense.monitor.recording import changes, form
 from vsense.monitor.recording._hearing import COLUMNS as HEARD
 from vsense.monitor.recording._hearing import Hearing
 from vsense.monitor.recording.form import ExperimentMessage, RecordingError
@@ -140,17 +140,18 @@ def _as_parquet(path: Path) -> None:
     from pyarrow import parquet
 
     damage = (pyarrow.ArrowInvalid, csv.Error)
-    cannot = failing_as(RecordingError, f"{path} is no Parquet, and stays", damage)
-    with cannot, path.open(encoding="utf-8", newline="") as file:
-        columns = next(csv.reader(file))
-    text, whole, number = pyarrow.string(), pyarrow.int64(), pyarrow.float64()
-    # A guess would make a number of a robot that is called 007, and nothing of an empty column.
-    types = {c: text if c in _TEXTS else whole if c in _WHOLE else number for c in columns}
-    if path.stem == "measures":  # whose names are the user's
-        types = dict.fromkeys(columns, number) | {"timestep": whole}
-    convert = tables.ConvertOptions(column_types=types, strings_can_be_null=True, null_values=[""])
-    parse = tables.ParseOptions(newlines_in_values=True)
     with failing_as(RecordingError, f"{path} is no Parquet, and stays", damage):
+        with path.open(encoding="utf-8", newline="") as file:
+            columns = next(csv.reader(file))
+        text, whole, number = pyarrow.string(), pyarrow.int64(), pyarrow.float64()
+        # A guess would make a number of a robot that is called 007, and nothing of an empty column.
+        types = {c: text if c in _TEXTS else whole if c in _WHOLE else number for c in columns}
+        if path.stem == "measures":  # whose names are the user's
+            types = dict.fromkeys(columns, number) | {"timestep": whole}
+        convert = tables.ConvertOptions(
+            column_types=types, strings_can_be_null=True, null_values=[""]
+        )
+        parse = tables.ParseOptions(newlines_in_values=True)
         table = tables.read_csv(path, parse_options=parse, convert_options=convert)
     parquet.write_table(table, path.with_suffix(".parquet"))
     path.unlink()

@@ -12,10 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from vsense.base.errors import failing_as
-from vsense.base.message_bus import Message
+from vsense.base.message_bus import DAMAGED, Message
 from vsense.monitor.foxglove._layout import as_text, layout
 from vsense.monitor.foxglove.channels import Channels
-from vsense.monitor.recording import DAMAGED
 from vsense.monitor.recording.form import PICTURE, ExperimentMessage, RecordingError
 from vsense.monitor.recording.reader import Recording
 from vsense.monitor.recording.writer import RecordingWriter

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from vsense.base.message_bus import Message
-from vsense.monitor.recording import DAMAGED, IN_CONE, LIT_IN_CONE
+from vsense.base.message_bus import DAMAGED, Message
+from vsense.monitor.recording import IN_CONE, LIT_IN_CONE
 from vsense.monitor.recording.form import Data, ExperimentMessage
 from vsense.robots.link.status import RING_LEDS
 from vsense.world.world import World

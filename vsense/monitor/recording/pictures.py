@@ -26,10 +26,9 @@ from numpy.typing import NDArray
 
 from vsense.base.arena import Frame, Image
 from vsense.base.errors import VsenseError, failing_as
-from vsense.base.message_bus import Message
+from vsense.base.message_bus import DAMAGED, Message
 from vsense.config.resources import DEFAULT_SPEED_M_S
 from vsense.config.tracking_session import EXPERIMENT_FILE, PICTURES_OF, RESOURCES_FILE
-from vsense.monitor.recording import DAMAGED
 from vsense.monitor.recording.form import ExperimentMessage
 from vsense.vision.cameras.camera import Camera, CameraError
 from vsense.vision.cameras.picture import PictureError, decode

@@ -9,8 +9,8 @@ from typing import Any, BinaryIO
 
 from vsense.base.errors import failing_as
 from vsense.base.files import open_bytes
-from vsense.base.message_bus import Message
-from vsense.monitor.recording import DAMAGED, _chunks, form
+from vsense.base.message_bus import DAMAGED, Message
+from vsense.monitor.recording import _chunks, form
 from vsense.monitor.recording._chunks import ChunkPlace, Contents, DamagedError, Raw, Topic, scan
 from vsense.monitor.recording.form import RecordingError, RunMessage
 

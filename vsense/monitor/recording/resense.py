@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 import vsense
 from vsense.base.arena import POSE, ArenaState
 from vsense.base.errors import VsenseError
-from vsense.base.message_bus import Message
+from vsense.base.message_bus import DAMAGED, Message
 from vsense.base.readings import SwarmReadings
 from vsense.config.casting import Casting
 from vsense.config.experiment import first_robots, read
 from vsense.config.placement import StartPlaces, settle
 from vsense.config.specs import Experiment, Stage
-from vsense.monitor.recording import DAMAGED, _senses, form
+from vsense.monitor.recording import _senses, form
 from vsense.monitor.recording.form import ExperimentMessage, RecordingError
 from vsense.monitor.recording.reader import Recording
 from vsense.robots.link.table import Direction

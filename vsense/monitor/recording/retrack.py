@@ -15,8 +15,8 @@ from typing import Any
 import cv2
 
 from vsense.base.arena import ArenaState, Frame
-from vsense.base.message_bus import Message
-from vsense.monitor.recording import DAMAGED, form
+from vsense.base.message_bus import DAMAGED, Message
+from vsense.monitor.recording import form
 from vsense.monitor.recording.form import RecordingError
 from vsense.monitor.recording.reader import Recording
 from vsense.vision.cameras.grabber import CameraEvent

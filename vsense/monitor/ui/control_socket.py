@@ -24,6 +24,7 @@ from typing import Any
 
 from vsense.base import sharing
 from vsense.base.errors import VsenseError, failing_as
+from vsense.base.files import cache_folder
 from vsense.base.terminal import printable
 from vsense.run.orders import Give, Order, OrderError, OrderKind, read_pair
 
@@ -74,13 +75,12 @@ def _place() -> Path:
         base = base or (session if os.lstat(session).st_uid == os.getuid() else None)
     if base:
         return Path(base) / "vsense"
-    try:
-        cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    except RuntimeError:
+    cache = cache_folder()
+    if cache is None:
         words = "no home directory for the sockets of runs: set XDG_RUNTIME_DIR to a folder"
-        raise ControlSocketError(words) from None
+        raise ControlSocketError(words)
     # Several machines may have one home.
-    return cache / "vsense" / f"run-{socket.gethostname()}"
+    return cache / f"run-{socket.gethostname()}"
 
 
 def folders() -> tuple[list[Path], list[str]]:

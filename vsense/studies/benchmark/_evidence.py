@@ -15,9 +15,10 @@ from typing import Any
 
 from vsense.base.errors import VsenseError, failing_as
 from vsense.base.files import parse_json, read_text
+from vsense.base.message_bus import DAMAGED
 from vsense.config.specs import Experiment
 from vsense.modes.sim.fingerprint import of_file
-from vsense.monitor.recording import DAMAGED, MCAP, form
+from vsense.monitor.recording import MCAP, form
 from vsense.monitor.recording.form import RecordingError
 from vsense.monitor.recording.reader import Recording, open_recording
 from vsense.monitor.recording.resense import arena_state

@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.arena import Floats, wrap_angle
-from vsense.monitor.recording import DAMAGED
+from vsense.base.message_bus import DAMAGED
 from vsense.monitor.recording.form import ExperimentMessage, RecordingError
 from vsense.monitor.recording.reader import Recording
 from vsense.world.robot_models import EPUCK, WHEELS, RobotModel

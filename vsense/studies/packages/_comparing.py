@@ -25,13 +25,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.errors import VsenseError
-from vsense.base.message_bus import Message
+from vsense.base.message_bus import DAMAGED, Message
 from vsense.config.arena import floor_picture
-from vsense.monitor.recording import DAMAGED
 from vsense.studies.packages._places import Scrubber
 from vsense.studies.results import read_arrays
 
-DAMAGED_FILE = (*(*DAMAGED, EOFError, OSError, MemoryError, cv2.error),)
+DAMAGED_FILE = (*DAMAGED, EOFError, OSError, MemoryError, cv2.error)
 """What reading a file raises that is not what its name says."""
 
 _MOST_CELL = 40

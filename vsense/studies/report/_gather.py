@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from vsense.base.arena import Floats
-from vsense.base.message_bus import Message
+from vsense.base.message_bus import DAMAGED, Message
 from vsense.monitor import recording
 from vsense.monitor.recording.form import ORDERS_TOPIC, PARTS, RunMessage
 from vsense.monitor.recording.measures import count_swarm
@@ -256,7 +256,7 @@ class Gatherer:
         """Adds a message; one that is damaged is counted and left out."""
         try:
             self._takers[message.topic](message)
-        except recording.DAMAGED:
+        except DAMAGED:
             self.odd += 1
 
     def _arena(self, message: Message) -> None:

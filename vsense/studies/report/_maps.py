@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vsense.base.arena import Floats
+from vsense.base.message_bus import DAMAGED
 from vsense.config.arena import floor_picture
-from vsense.monitor.recording import DAMAGED
 from vsense.studies.report._facts import entities, number, numbers
 from vsense.studies.report._findings import Findings
 from vsense.studies.report._gather import MAP_CELL_M, Gatherer
