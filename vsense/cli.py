@@ -16,7 +16,7 @@ from typing import NoReturn
 
 from vsense.base.errors import VsenseError
 from vsense.base.processes import ForkedProcess
-from vsense.base.terminal import print_data, printable_lines
+from vsense.base.terminal import Console, print_data
 
 COMPLETING = "_ARGCOMPLETE"
 """This variable is set while a shell asks what may come next."""
@@ -44,12 +44,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return code
     except VsenseError as error:
         # Where the terminal has gone (SIGHUP) the exit code still says why.
-        with suppress(OSError):
-            print(f"vsense: {printable_lines(str(error))}", file=sys.stderr)
+        Console().print_only(f"vsense: {error}")
         return error.exit_code
     except KeyboardInterrupt as error:  # which may say the signal, as `Interruption.code` does
-        with suppress(OSError):
-            print("vsense: interrupted", file=sys.stderr)
+        Console().print_only("vsense: interrupted")
         return error.args[0] if error.args else 130
     except ImportError:
         if not codes:

@@ -12,9 +12,9 @@ from contextlib import suppress
 import pytest
 
 from vsense import cli
-from vsense.base import terminal
+from vsense.base import interruption as module
 from vsense.base.errors import CutShort, VsenseError
-from vsense.base.terminal import interruption
+from vsense.base.interruption import interruption
 
 NEVER_S = 60.0
 
@@ -58,7 +58,7 @@ def test_at_once_it_raises_where_the_program_is(early: bool) -> None:
 
 @pytest.mark.parametrize("early", [True, False])
 def test_sigterm_leaves_a_moment(monkeypatch: pytest.MonkeyPatch, early: bool) -> None:
-    monkeypatch.setattr(terminal, "LAST_S", 0.2)
+    monkeypatch.setattr(module, "LAST_S", 0.2)
     with interruption() as interrupted:
         if early:
             come(signal.SIGTERM)
@@ -70,18 +70,18 @@ def test_sigterm_leaves_a_moment(monkeypatch: pytest.MonkeyPatch, early: bool) -
 
 
 def test_ctrl_c_leaves_time_and_another_one_none(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(terminal, "LAST_S", 0.0)
+    monkeypatch.setattr(module, "LAST_S", 0.0)
     with interruption() as interrupted:
         come(signal.SIGINT)
         with pytest.raises(CutShort) as caught, interrupted.in_time():
-            threading.Event().wait(2 * terminal.LEAST_WAIT_S)
+            threading.Event().wait(2 * module.LEAST_WAIT_S)
             come(signal.SIGINT)
             pytest.fail("it went on")
         assert caught.value.exit_code == 130
 
 
 def test_who_is_done_in_time_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(terminal, "LAST_S", 0.1)
+    monkeypatch.setattr(module, "LAST_S", 0.1)
     with interruption() as interrupted:
         come(signal.SIGTERM)
         with interrupted.in_time():
@@ -91,7 +91,7 @@ def test_who_is_done_in_time_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> N
 
 SIGNALS_EVERYWHERE = """
 import os, signal, sys
-from vsense.base.terminal import interruption
+from vsense.base.interruption import interruption
 
 left = 50
 
@@ -126,7 +126,7 @@ def test_who_is_not_to_be_hung_up_is_not() -> None:
 
 
 def test_sigterm_after_ctrl_c_leaves_a_moment_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(terminal, "LAST_S", 0.2)
+    monkeypatch.setattr(module, "LAST_S", 0.2)
     with interruption() as interrupted:
         come(signal.SIGINT)
         come(signal.SIGTERM)
@@ -174,3 +174,50 @@ def test_a_terminal_that_has_gone_changes_no_exit_code(monkeypatch: pytest.Monke
         monkeypatch.setattr(sys, "stderr", stream)
         code = cli.main(["sim"])
     assert code == 129
+
+
+UNREAD = """
+import os
+import sys
+from vsense import cli
+from vsense.base.interruption import interruption
+from vsense.base.terminal import Console, print_data
+
+def run(words):
+    with interruption() as interrupted:
+        os.close(0)
+        interrupted.wait()
+        with interrupted.in_time():
+            try:
+                print_data("figures of one run")
+            finally:
+                print_data("figures of all runs")
+    return 0
+
+cli._run = run
+sys.exit(cli.main())
+"""
+
+
+def test_sigterm_ends_who_prints_for_nobody() -> None:
+    """Of standard output and of standard error nobody reads anything."""
+    reader, unread = os.pipe()
+    os.set_blocking(unread, False)
+    with suppress(BlockingIOError):
+        while True:
+            os.write(unread, b"x" * 4096)
+    os.set_blocking(unread, True)
+    alive, ready = os.pipe()
+    process = subprocess.Popen(
+        [sys.executable, "-c", UNREAD], stdin=ready, stdout=unread, stderr=unread
+    )
+    try:
+        os.close(ready)
+        assert os.read(alive, 1) == b""  # it looks at signals now
+        process.terminate()
+        assert process.wait(NEVER_S) == 143
+    finally:
+        process.kill()
+        process.wait()
+        for descriptor in (reader, unread, alive):
+            os.close(descriptor)

@@ -30,8 +30,9 @@ from tests.faults.relay import LOOP_NET, Relay, Weather
 from tests.rigs.places import ROOT
 from vsense.base import clock
 from vsense.base.arena import ArenaState, Floats, Frame
+from vsense.base.interruption import Interruption, interruption
 from vsense.base.shared import LabError
-from vsense.base.terminal import Console, Interruption, interruption
+from vsense.base.terminal import Console
 from vsense.config import experiment as files
 from vsense.config.placement import settle
 from vsense.config.specs import Stage

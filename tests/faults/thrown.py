@@ -29,7 +29,7 @@ NAME = "Thrown"
 where a stranger's packet led to them."""
 THROWN = "thrown"
 """A file of the current folder that says that it was."""
-BEGINNING = "vsense.base.terminal:interruption"
+BEGINNING = "vsense.base.interruption:interruption"
 """Entered where a run begins: what comes before has started nothing."""
 _CALLS: Counter[str] = Counter()
 _KNOWN: dict[tuple[CodeType, CodeType | None, int], str | None] = {}

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from tests.conftest import require_tool
 from vsense.base.arena import ArenaState
 from vsense.base.errors import VsenseError
-from vsense.base.terminal import Interruption
+from vsense.base.interruption import Interruption
 from vsense.config.experiment import load
 from vsense.config.specs import Experiment, Stage
 from vsense.modes.sim._simulation import Simulation

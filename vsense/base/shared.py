@@ -15,10 +15,10 @@ from __future__ import annotations
 import fcntl
 import mmap
 import os
-import sys
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,8 @@ from numpy.typing import NDArray
 from vsense.base.arena import Image
 from vsense.base.errors import VsenseError
 from vsense.base.native import ffi
+from vsense.base.terminal import Console
+from vsense.base.writing import BackgroundWriter
 
 _NAMED = Path("/dev/shm")
 
@@ -46,7 +48,10 @@ def file_errors(name: object) -> Iterator[None]:
 
 
 class LogFile:
-    """Grows by whole records; where the disk is full it ends, is told, and the run goes on."""
+    """Grows by whole records; where the disk is full it ends, is told, and the run goes on.
+
+    Nobody waits for the disk but `close`, for a while.
+    """
 
     def __init__(self, path: Path, kind: str = "") -> None:
         """Begins a new file; raises LabError where it cannot be written.
@@ -58,9 +63,13 @@ class LogFile:
         with file_errors(self._name):
             flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC
             self._descriptor: int | None = os.open(path, flags, 0o644)
+        self._writer = BackgroundWriter(self._name, Console().say)
 
     def append(self, records: bytes | bytearray) -> None:
         """Adds whole records, or none of them."""
+        self._writer.do(partial(self._append, bytes(records)))
+
+    def _append(self, records: bytes) -> None:
         if self._descriptor is None:
             return
         view = memoryview(records)
@@ -70,14 +79,18 @@ class LogFile:
         except OSError as error:
             with suppress(OSError):  # at worst half a record stays, which readers leave out
                 os.ftruncate(self._descriptor, self._length)
-            self.close()
+            self._end()
             words = "it ends here, and the run goes on"
-            print(f"{self._name}: {error.strerror}: {words}", file=sys.stderr, flush=True)
+            Console().say(f"{self._name}: {error.strerror}: {words}")
         else:
             self._length += len(records)
 
     def close(self) -> None:
         """Ends the file; can be called again."""
+        self._writer.do(self._end)
+        self._writer.close()
+
+    def _end(self) -> None:
         if self._descriptor is not None:
             os.close(self._descriptor)
             self._descriptor = None

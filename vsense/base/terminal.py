@@ -1,5 +1,5 @@
 """A terminal: messages and a live line on standard error, blocks of lines that are drawn over
-themselves, columns, and Ctrl-C, SIGTERM and a closed terminal as an event."""
+themselves, and columns."""
 
 from __future__ import annotations
 
@@ -14,12 +14,11 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from queue import Empty, SimpleQueue
-from types import FrameType
 from typing import Literal, TextIO
 
 from vsense.base.clock import host_ns
-from vsense.base.errors import CutShort, VsenseError, failing_as
+from vsense.base.errors import VsenseError, failing_as
+from vsense.base.writing import outlet_of
 
 Level = Literal["info", "warning", "trouble"]
 
@@ -67,7 +66,8 @@ class Console:
     """One live line that is drawn over itself, and messages that scroll away above it.
 
     For any thread. The stream is by default standard error; where it is no terminal the live line
-    becomes a plain line every ten seconds, where it is closed nothing is printed.
+    becomes a plain line every ten seconds, where it is closed nothing is printed, and where nobody
+    reads it nobody waits: see `Outlet`.
 
     Attributes:
         newest: the live line in its full length.
@@ -96,28 +96,28 @@ class Console:
         """Prints a message on the stream only, for secrets: no log and no `repeat_to` gets it."""
         # A stream that was closed must not end an experiment.
         with self._lock, suppress(OSError):
-            self._erase()
-            print(printable_lines(text), file=self._stream)
+            line = self._line if self._live else ""
+            outlet_of(self._stream).write(f"{self._erasing()}{printable_lines(text)}\n{line}")
             self._printed_ns = None
-            self._draw()
 
     def progress(self, line: str) -> None:
         """Replaces the live line."""
         self.newest = line = printable(line)
         with self._lock, suppress(OSError):
             if self._live:
-                self._erase()
+                erasing = self._erasing()
                 self._line = line[: os.get_terminal_size(self._stream.fileno()).columns - 1]
-                self._draw()
-            elif self._is_due():
-                self._printed_ns = host_ns()
-                print(line, file=self._stream, flush=True)
+                outlet_of(self._stream).write(f"{erasing}{self._line}", passing=True)
+            else:
+                due = self._is_due()
+                self._printed_ns = host_ns() if due else self._printed_ns
+                outlet_of(self._stream).write(f"{line}\n" if due else "", passing=True)
 
     def end_progress(self) -> None:
         """Leaves the live line where it is and goes on below it."""
         with self._lock, suppress(OSError):
             if self._live and self._line:
-                print(file=self._stream, flush=True)
+                outlet_of(self._stream).write("\n")
             self._line = ""
 
     def _is_due(self) -> bool:
@@ -125,14 +125,9 @@ class Console:
         printed_ns = self._printed_ns
         return printed_ns is None or host_ns() - printed_ns >= QUIET_PERIOD_NS
 
-    def _erase(self) -> None:
-        if self._live and self._line:
-            self._stream.write("\r\x1b[K")
-
-    def _draw(self) -> None:
-        if self._live:
-            self._stream.write(self._line)
-        self._stream.flush()
+    def _erasing(self) -> str:
+        """What removes the live line."""
+        return "\r\x1b[K" if self._live and self._line else ""
 
     @contextmanager
     def patience(self, text: str) -> Iterator[None]:
@@ -153,124 +148,6 @@ class Console:
             over.set()
             thread.join()
             self.end_progress()
-
-
-LAST_S = 1.7
-"""After SIGTERM a command takes no longer than this, but for the moment of leaving."""
-
-LEAST_WAIT_S = 0.1
-
-SIGNAL_S = 0.5
-"""A signal that comes in the moment before a wait begins does not end it: Python's handler runs
-when the wait is over. So no wait lasts longer than this."""
-
-
-class Interruption(threading.Event):
-    """Set by the first of SIGINT, SIGTERM and SIGHUP that comes.
-
-    Attributes:
-        code: the command's exit code by then, 128 and the signal's number as in a shell: 130 after
-            Ctrl-C, which is also what it is before any signal, and 143 after SIGTERM.
-    """
-
-    code = 128 + signal.SIGINT
-    _came = _raises = _leaves_time = False
-    _last_s: float | None = None
-
-    def __init__(self) -> None:
-        super().__init__()
-        # What `threading.Event` holds while it waits and sets is not for a signal's handler, which
-        # may come in the middle of it: it would wait for itself. This is.
-        self._wakes: SimpleQueue[None] = SimpleQueue()
-
-    def is_set(self) -> bool:
-        """Whether a signal has come."""
-        return self._came
-
-    def set(self) -> None:
-        """Wakes all that wait; for handlers of signals, too."""
-        self._came = True
-        self._wakes.put(None)
-
-    def wait(self, timeout: float | None = None) -> bool:
-        """Waits for a signal, for `timeout` s at the longest; gives whether one has come."""
-        end_s = None if timeout is None else time.monotonic() + timeout
-        while not self._came:
-            left_s = SIGNAL_S if end_s is None else min(SIGNAL_S, end_s - time.monotonic())
-            if left_s <= 0.0:
-                break
-            with suppress(Empty):
-                self._wakes.get(timeout=left_s)
-                self._wakes.put(None)  # for whoever else waits
-        return self._came
-
-    def interrupt(self, number: int, frame: FrameType | None) -> None:
-        """The signals' handler."""
-        again = self.is_set()
-        if not again:
-            self.code = 128 + number
-        if number != signal.SIGINT and self._last_s is None:
-            self._last_s = time.monotonic() + LAST_S
-        self.set()
-        if self._raises or (self._leaves_time and again):
-            self._raises = self._leaves_time = False
-            raise CutShort(self.code)
-        if self._leaves_time:
-            self._set_alarm()
-
-    @contextmanager
-    def at_once(self) -> Iterator[None]:
-        """Has a signal raise CutShort where the main thread is, which looks at nothing there."""
-        self._raises = True
-        try:
-            if self.is_set():
-                raise CutShort(self.code)
-            yield
-        finally:
-            self._raises = False
-
-    @contextmanager
-    def in_time(self) -> Iterator[None]:
-        """What is worth some seconds after Ctrl-C: CutShort where it is not over `LAST_S` after a
-        SIGTERM, or at the next signal."""
-        if threading.current_thread() is not threading.main_thread():
-            yield  # signals are the main thread's
-            return
-        before = signal.signal(signal.SIGALRM, self._ring)
-        self._leaves_time = True
-        try:
-            self._set_alarm()
-            yield
-        finally:
-            self._leaves_time = False
-            signal.setitimer(signal.ITIMER_REAL, 0.0)
-            signal.signal(signal.SIGALRM, before)
-
-    def _set_alarm(self) -> None:
-        if self._last_s is not None:
-            left_s = max(self._last_s - time.monotonic(), LEAST_WAIT_S)
-            signal.setitimer(signal.ITIMER_REAL, left_s)
-
-    def _ring(self, number: int, frame: FrameType | None) -> None:
-        raise CutShort(self.code)
-
-
-@contextmanager
-def interruption() -> Iterator[Interruption]:
-    """Gives an event that SIGINT, SIGTERM and SIGHUP set, instead of what they did before.
-
-    SIGHUP is left alone where it is ignored: `nohup` did that.
-    """
-    interrupted = Interruption()
-    numbers = [signal.SIGINT, signal.SIGTERM]
-    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
-        numbers.append(signal.SIGHUP)
-    before = {number: signal.signal(number, interrupted.interrupt) for number in numbers}
-    try:
-        yield interrupted
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 class LiveBlock:
@@ -394,3 +271,6 @@ def print_data(text: str) -> None:
             print(printable_lines(text), flush=True)
         except BrokenPipeError:
             drop_output()
+        except KeyboardInterrupt:  # nobody reads it, and the process shall end
+            drop_output()
+            raise

@@ -6,7 +6,8 @@ import argparse
 from pathlib import Path
 
 from vsense.base.errors import UsageError
-from vsense.base.terminal import Console, drop_output, interruption
+from vsense.base.interruption import interruption
+from vsense.base.terminal import Console, drop_output
 from vsense.commands import COMMANDS, _arguments, _experiments, _rosters
 from vsense.commands._arguments import Options
 from vsense.config.experiment import first_robots, load, of_folder

@@ -8,7 +8,8 @@ import re
 from pathlib import Path
 
 from vsense.base.errors import UsageError
-from vsense.base.terminal import Console, interruption, print_data
+from vsense.base.interruption import interruption
+from vsense.base.terminal import Console, print_data
 from vsense.commands import _arguments
 from vsense.monitor import recording
 

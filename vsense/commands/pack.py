@@ -7,7 +7,8 @@ import json
 from pathlib import Path
 
 from vsense.base.errors import UsageError
-from vsense.base.terminal import Console, interruption, print_data
+from vsense.base.interruption import interruption
+from vsense.base.terminal import Console, print_data
 from vsense.commands import _arguments, report
 from vsense.studies.packages.pack import PackOptions, pack
 

@@ -9,7 +9,8 @@ from ipaddress import IPv4Address
 from pathlib import Path
 
 from vsense.base.errors import UsageError
-from vsense.base.terminal import Console, interruption
+from vsense.base.interruption import interruption
+from vsense.base.terminal import Console
 from vsense.commands import _arguments, _experiments, _hardware, _rosters
 from vsense.config.experiment import first_robots, load, of_folder
 from vsense.config.placement import settle

@@ -7,7 +7,8 @@ import json
 from collections.abc import Sequence
 
 from vsense.base.errors import UsageError
-from vsense.base.terminal import Console, interruption, print_data
+from vsense.base.interruption import interruption
+from vsense.base.terminal import Console, print_data
 from vsense.commands import _arguments, _experiments, _rosters
 from vsense.config.experiment import load, of_folder
 from vsense.config.specs import Experiment, Stage

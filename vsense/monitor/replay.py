@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from vsense.base.errors import UsageError
+from vsense.base.interruption import Interruption
 from vsense.base.message_bus import MessageBus
-from vsense.base.terminal import Console, Interruption
+from vsense.base.terminal import Console
 from vsense.config import tracking_session
 from vsense.monitor import recording
 from vsense.monitor.recording._player import Player

@@ -6,15 +6,16 @@ from __future__ import annotations
 import csv
 import io
 import json
-import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import TextIO
 
 from vsense.base.errors import VsenseError, failing_as
 from vsense.base.terminal import Console, Level, print_data, printable_lines
+from vsense.base.writing import BackgroundWriter
 
 SUMMARY = "summary.json"
 SERIES = "series.json"
@@ -80,10 +81,12 @@ def write_summary(
         VsenseError: standard output cannot be written.
     """
     text = json.dumps(summary, indent=2)
-    if on_stdout:
-        print_data(text)
-    with failing_as(DirectoryError, str(directory / name)):
-        (directory / name).write_text(f"{text}\n")
+    try:
+        with failing_as(DirectoryError, str(directory / name)):
+            (directory / name).write_text(f"{text}\n")
+    finally:
+        if on_stdout:
+            print_data(text)
 
 
 LOG_TXT = "log.txt"
@@ -198,42 +201,43 @@ class RunTables:
 class RunLog(Console):
     """A console that also writes a log into `directory`; a context that closes its files.
 
-    DirectoryError where a file cannot be opened; later failures end the writing, never the run.
+    DirectoryError where a file cannot be opened; later failures end the writing, never the run, and
+    a disk that hangs keeps nobody waiting.
     """
 
     def __init__(self, directory: Path) -> None:
         super().__init__()
-        self._writing = threading.Lock()
         try:
             self._log = (directory / LOG_TXT).open("w")
         except OSError as error:
             raise DirectoryError(f"{error.filename}: {error.strerror}") from None
         self._good = True
+        tell = partial(self.say, level="trouble")
+        self._writer = BackgroundWriter(str(directory / LOG_TXT), tell)
 
     def __enter__(self) -> RunLog:
         return self
 
     def __exit__(self, *exception: object) -> None:
-        self._write("", close=True)
+        self._writer.do(partial(self._write, "", close=True))
+        self._writer.close()
 
     def say(self, text: str, level: Level = "info") -> None:
         """Prints a message of its own, and notes it with the time of day."""
         super().say(text, level)
         now_s = time.time()
         clock = time.strftime("%H:%M:%S", time.localtime(now_s)) + f".{int(now_s * 1000) % 1000:03}"
-        self._write(f"{clock} {printable_lines(text)}\n")
+        self._writer.do(partial(self._write, f"{clock} {printable_lines(text)}\n"))
 
     def _write(self, line: str, close: bool = False) -> None:
-        with self._writing:
-            if not self._good:
-                return
-            try:
-                self._log.write(line)
-                self._log.flush()
-                if close:
-                    self._log.close()
-                return
-            except OSError as error:
-                self._good = False
-                reason = error.strerror
-        super().say(f"vsense: the run is no longer written down: {reason}", "trouble")
+        """Writes to the disk; the writer's thread."""
+        if not self._good:
+            return
+        try:
+            self._log.write(line)
+            self._log.flush()
+            if close:
+                self._log.close()
+        except OSError as error:
+            self._good = False
+            super().say(f"vsense: the run is no longer written down: {error.strerror}", "trouble")

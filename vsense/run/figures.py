@@ -5,6 +5,7 @@ from __future__ import annotations
 from array import array
 from collections.abc import Collection, Generator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +15,12 @@ from numpy.typing import NDArray
 from vsense.base.arena import Frame
 from vsense.base.errors import VsenseError
 from vsense.base.terminal import Console, figure, measure_rows
+from vsense.base.writing import BackgroundWriter
 from vsense.config.specs import Experiment
 from vsense.robots.link.status import RadioStatus, RobotStatus
 from vsense.robots.link.wire import StopCause
 from vsense.run._witness import Witness
-from vsense.run.directory import DirectoryError, RunTables
+from vsense.run.directory import TIMESTEPS_CSV, DirectoryError, RunTables
 from vsense.run.link_check import WEAK_DBM
 from vsense.run.robots import Readiness
 from vsense.run.runner import Runner
@@ -109,6 +111,7 @@ class Figures:
         """
         trouble = lambda text: console.say(f"vsense: {text}", "trouble")  # noqa: E731
         tables: RunTables | None = None
+        writer = BackgroundWriter(str(directory / TIMESTEPS_CSV), trouble)
         try:
             tables = RunTables(directory, self._experiment.timestep_s, trouble)
         except DirectoryError as error:
@@ -120,13 +123,15 @@ class Figures:
                     times_ns = step.capture_ns, step.ready_ns, step.arena_ns, step.sent_ns
                     counts = sample.connected, sample.seen, sample.stale
                     numbers = step.run_timestep, step.timestep
-                    tables.add(numbers, times_ns, counts, world.results)
+                    measures = dict(world.results)
+                    writer.do(partial(tables.add, numbers, times_ns, counts, measures))
                 yield step, sample
                 # Lent pictures go back during a pause.
                 del step
         finally:
             if tables is not None:
-                tables.close()
+                writer.do(tables.close)
+            writer.close()
 
     def observe(self, step: Step, robots: Mapping[int, RobotStatus]) -> TimestepSample:
         """Counts a timestep; `robots` are the links' statuses by tag."""

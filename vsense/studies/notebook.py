@@ -25,7 +25,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vsense.base.errors import Interrupted, UsageError, require
-from vsense.base.terminal import Console, Interruption, interruption
+from vsense.base.interruption import Interruption, interruption
+from vsense.base.terminal import Console
 from vsense.config.description import describe
 from vsense.config.experiment import shipped
 from vsense.config.specs import Experiment, Stage

@@ -324,6 +324,7 @@ def test_the_log_gives_back_what_was_applied(tmp_path_factory, before, after) ->
         for actuation in part:
             log.append(actuation)
         log.flush()
+    log.close()
     assert [tuple(row) for row in read_actuations(path).tolist()] == before + after
 
 
@@ -331,7 +332,7 @@ def test_a_log_cut_short_loses_its_last_record_only(tmp_path: Path) -> None:
     log = ActuationLog(tmp_path / "log")
     for robot in range(3):
         log.append(Actuation(robot, robot, 1, 2, 3))
-    log.flush()
+    log.close()
     whole = (tmp_path / "log").read_bytes()
     (tmp_path / "log").write_bytes(whole[:-1])
     assert read_actuations(tmp_path / "log")["robot"].tolist() == [0, 1]

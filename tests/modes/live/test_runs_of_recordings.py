@@ -15,7 +15,8 @@ import pytest
 from tests.system.recording import make_recording
 from vsense.base.arena import POSE, ArenaState, Frame
 from vsense.base.errors import NoMorePictures, VsenseError
-from vsense.base.terminal import Console, Interruption
+from vsense.base.interruption import Interruption
+from vsense.base.terminal import Console
 from vsense.config import tracking_session
 from vsense.modes.live._talk import Talk
 from vsense.modes.live.track import Making, TrackingRun, TrackOptions

@@ -19,7 +19,7 @@ import vsense
 from tests.modes.sim.conftest import task_of
 from tests.rigs.processes import descendants
 from vsense.base.errors import Interrupted, VsenseError
-from vsense.base.terminal import Interruption
+from vsense.base.interruption import Interruption
 from vsense.cli import main
 from vsense.modes.sim import engine, fingerprint
 from vsense.modes.sim._worker import NotHere, settled

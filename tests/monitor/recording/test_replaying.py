@@ -14,8 +14,9 @@ import pytest
 from tests.monitor.recording.conftest import BEGIN_NS, record
 from tests.monitor.recording.scene import MADE, session_files, track
 from vsense import cli
+from vsense.base.interruption import interruption
 from vsense.base.message_bus import Message
-from vsense.base.terminal import Console, interruption
+from vsense.base.terminal import Console
 from vsense.commands import replay
 from vsense.monitor.replay import ReplayOptions
 from vsense.monitor.replay import replay as replay_recording

@@ -10,7 +10,8 @@ from types import SimpleNamespace
 import pytest
 
 from vsense.base.errors import UsageError
-from vsense.base.terminal import Console, Interruption
+from vsense.base.interruption import Interruption
+from vsense.base.terminal import Console
 from vsense.commands.series import bringer
 from vsense.config import roster
 from vsense.config.experiment import load

@@ -17,7 +17,8 @@ from typing import Any
 import pytest
 
 from vsense.base.errors import Interrupted, UsageError, VsenseError
-from vsense.base.terminal import Console, Interruption
+from vsense.base.interruption import Interruption
+from vsense.base.terminal import Console
 from vsense.modes.sim.fingerprint import software
 from vsense.modes.sim.job import Setup
 from vsense.modes.sim.outcome import SimulatedRunError, Task

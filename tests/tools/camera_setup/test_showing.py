@@ -11,7 +11,7 @@ import pytest
 
 from tests.tools.camera_setup.stage import Scripted
 from tests.vision.tracking.synthetic import Look, Robot, render
-from vsense.base.terminal import Interruption
+from vsense.base.interruption import Interruption
 from vsense.tools.camera_setup import showing
 from vsense.vision.cameras.camera import Camera
 from vsense.vision.cameras.source import Controls, Shot

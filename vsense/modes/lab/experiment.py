@@ -9,7 +9,8 @@ from typing import Any
 
 from vsense.base import clock
 from vsense.base.errors import CutShort, UsageError, VsenseError
-from vsense.base.terminal import Console, interruption, spoken
+from vsense.base.interruption import interruption
+from vsense.base.terminal import Console, spoken
 from vsense.config.specs import Experiment
 from vsense.modes import origin
 from vsense.modes._several import Series

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from vsense.base.errors import VsenseError, failing_as
-from vsense.base.terminal import interruption, print_data
+from vsense.base.interruption import interruption
+from vsense.base.terminal import print_data
 from vsense.config.experiment import first_robots
 from vsense.config.roster_fields import MarkerOffset
 from vsense.config.specs import Experiment

@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 
 from vsense.base.arena import ArenaState, Frame
 from vsense.base.clock import host_ns
-from vsense.base.terminal import Console, interruption
+from vsense.base.interruption import interruption
+from vsense.base.terminal import Console
 from vsense.config import tracking_session
 from vsense.modes.live._runs import RunPictures, begin_recording
 from vsense.modes.live._talk import Talk

@@ -10,8 +10,9 @@ from typing import Any
 
 from vsense.base.errors import VsenseError
 from vsense.base.files import read_bytes
+from vsense.base.interruption import Interruption
 from vsense.base.sharing import user_name
-from vsense.base.terminal import Console, Interruption, Level
+from vsense.base.terminal import Console, Level
 from vsense.config.casting import Pair
 from vsense.config.specs import Experiment
 from vsense.modes.live._own_daemons import OwnDaemons

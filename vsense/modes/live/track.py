@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from vsense.base.arena import CSV_HEADER, ArenaState, Frame
 from vsense.base.clock import host_ns
 from vsense.base.errors import GrabberError, NoMorePictures, UsageError, VsenseError, failing_as
-from vsense.base.terminal import Console, Interruption, drop_output, interruption
+from vsense.base.interruption import Interruption, interruption
+from vsense.base.terminal import Console, drop_output
 from vsense.config import tracking_session
 from vsense.modes.live._runs import RunPictures, Runs, begin_recording
 from vsense.modes.live._talk import Talk, told_of

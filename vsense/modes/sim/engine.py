@@ -21,7 +21,8 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any, Protocol
 
 from vsense.base.errors import Interrupted, VsenseError, require
-from vsense.base.terminal import Console, Interruption
+from vsense.base.interruption import Interruption
+from vsense.base.terminal import Console
 from vsense.config.specs import Experiment
 from vsense.modes.sim import fingerprint
 from vsense.modes.sim.fingerprint import Machine

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vsense.base.errors import Interrupted, VsenseError
-from vsense.base.terminal import Console, Interruption, interruption, measure_rows, print_data
+from vsense.base.interruption import Interruption, interruption
+from vsense.base.terminal import Console, measure_rows, print_data
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment
 from vsense.modes import origin

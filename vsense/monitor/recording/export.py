@@ -14,8 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from vsense.base.errors import UsageError, failing_as, require
+from vsense.base.interruption import Interruption
 from vsense.base.message_bus import DAMAGED, Message
-from vsense.base.terminal import Console, Interruption
+from vsense.base.terminal import Console
 from vsense.monitor import recording
 from vsense.monitor.recording import changes, form
 from vsense.monitor.recording._hearing import COLUMNS as HEARD

@@ -47,6 +47,10 @@ class Keyboard:
         self._descriptor = sys.stdin.fileno()
         self._before = termios.tcgetattr(self._descriptor)
         tty.setcbreak(self._descriptor)
+        # Nobody shall stop the terminal of a run with Ctrl-S; one that is stopped goes on.
+        now = termios.tcgetattr(self._descriptor)
+        now[0] &= ~termios.IXON
+        termios.tcsetattr(self._descriptor, termios.TCSANOW, now)
         self._out, self._in = os.pipe()
         self._thread = threading.Thread(target=self._run, name="vsense-keyboard", daemon=True)
         self._thread.start()

@@ -18,6 +18,7 @@ from vsense.base.errors import UsageError, VsenseError
 from vsense.base.files import free_bytes
 from vsense.base.message_bus import MessageBus
 from vsense.base.terminal import Console, Level
+from vsense.base.writing import BackgroundWriter
 from vsense.monitor import recording
 from vsense.monitor.recording.form import Data
 from vsense.monitor.ui import keyboard
@@ -143,6 +144,10 @@ class ControlRoom:
         self._preview = PreviewEncoder(self.bus)
         self._stack.callback(self._preview.close)
         self._failed = False
+        # Its log says when a disk does not answer.
+        self._disk = BackgroundWriter("", lambda text: None)
+        self._disk_free_bytes: int | None = None
+        self._stack.callback(self._disk.close, 0.0)
         console.repeat_to(self._publish_event)
 
     def __enter__(self) -> ControlRoom:
@@ -251,8 +256,17 @@ class ControlRoom:
             "runs": self._options.runs,
             "text": self.console.newest,
             "recording": self.recorders.state(),
-            "disk_free_bytes": free_bytes(self._directory),
+            "disk_free_bytes": self._free_bytes(),
         }
+
+    def _free_bytes(self) -> int | None:
+        """What the disk said last: one that hangs does not answer."""
+        if self._disk.idle:
+            self._disk.do(self._measure_disk)
+        return self._disk_free_bytes
+
+    def _measure_disk(self) -> None:
+        self._disk_free_bytes = free_bytes(self._directory)
 
     def fail(self, error: VsenseError) -> None:
         """Publishes why a run ends before its time: page and recording have it, too."""

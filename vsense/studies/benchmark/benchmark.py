@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from vsense.base.errors import UsageError
-from vsense.base.terminal import Console, aligned, interruption, spoken
+from vsense.base.interruption import interruption
+from vsense.base.terminal import Console, aligned, spoken
 from vsense.config.roster import Roster, find_roster, require_roster
 from vsense.studies.benchmark import _checking, _comparing, _definition, _page, _result
 from vsense.studies.benchmark._definition import Definition

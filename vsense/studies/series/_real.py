@@ -6,7 +6,8 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
-from vsense.base.terminal import Console, Interruption
+from vsense.base.interruption import Interruption
+from vsense.base.terminal import Console
 from vsense.config.specs import Experiment
 from vsense.modes.live.opening import LinkOptions
 from vsense.modes.live.run import OneRun

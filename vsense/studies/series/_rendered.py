@@ -10,7 +10,8 @@ from typing import Any
 
 from vsense.base.arena import ArenaState
 from vsense.base.errors import CutShort, VsenseError
-from vsense.base.terminal import Console, Interruption
+from vsense.base.interruption import Interruption
+from vsense.base.terminal import Console
 from vsense.config.specs import Pose
 from vsense.modes.lab.calibrated import CalibratedRig
 from vsense.modes.lab.experiment import calibrate_cameras, report_run

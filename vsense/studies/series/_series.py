@@ -10,7 +10,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from vsense.base.errors import CutShort, Interrupted, UsageError
-from vsense.base.terminal import Console, Interruption, aligned, spoken
+from vsense.base.interruption import Interruption
+from vsense.base.terminal import Console, aligned, spoken
 from vsense.config.experiment import ARGOS_SUFFIX
 from vsense.run.runs_csv import RunRow
 from vsense.run.verdict import VALID, VOID

@@ -17,7 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from vsense.base.errors import Interrupted, UsageError, VsenseError, failing_as
-from vsense.base.terminal import Console, Interruption
+from vsense.base.interruption import Interruption
+from vsense.base.terminal import Console
 from vsense.modes.sim import engine
 from vsense.modes.sim.fingerprint import of_file
 from vsense.modes.sim.job import Job, Setup

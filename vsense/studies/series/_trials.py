@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vsense.base.errors import UsageError, VsenseError, instead
-from vsense.base.terminal import Console, Interruption
+from vsense.base.interruption import Interruption
+from vsense.base.terminal import Console
 from vsense.config.placement import StartPlaces, settle
 from vsense.modes.sim import fingerprint
 from vsense.modes.sim.job import Job, Setup

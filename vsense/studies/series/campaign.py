@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vsense.base.errors import Interrupted, UsageError, VsenseError, failing_as
-from vsense.base.terminal import Console, Interruption, interruption, print_data
+from vsense.base.interruption import Interruption, interruption
+from vsense.base.terminal import Console, print_data
 from vsense.config.placement import StartPlaces, settle
 from vsense.config.specs import Experiment
 from vsense.modes import origin

@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vsense.base.errors import UsageError
-from vsense.base.terminal import Console, Interruption, interruption, print_data
+from vsense.base.interruption import Interruption, interruption
+from vsense.base.terminal import Console, print_data
 from vsense.config.casting import Casting, Pair
 from vsense.config.description import tag_confusion
 from vsense.config.roster import Roster, find_roster

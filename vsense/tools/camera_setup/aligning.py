@@ -21,7 +21,8 @@ import numpy as np
 
 from vsense.base.arena import Floats, Image
 from vsense.base.errors import UsageError, VsenseError, failing_as
-from vsense.base.terminal import Console, interruption, print_data, printable_json
+from vsense.base.interruption import interruption
+from vsense.base.terminal import Console, print_data, printable_json
 from vsense.vision.calibration import alignment
 from vsense.vision.calibration.alignment import Alignment
 from vsense.vision.calibration.frame import FrameShift

@@ -10,7 +10,8 @@ from pathlib import Path
 
 from vsense.base.clock import host_ns
 from vsense.base.errors import UsageError
-from vsense.base.terminal import Console, interruption
+from vsense.base.interruption import interruption
+from vsense.base.terminal import Console
 from vsense.config import resources as resources_file
 from vsense.vision.tracking.node import CameraNode
 from vsense.vision.tracking.node_session import (

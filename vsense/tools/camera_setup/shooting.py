@@ -18,7 +18,8 @@ from pathlib import Path
 from vsense.base.arena import Frame, Image
 from vsense.base.clock import host_ns
 from vsense.base.errors import GrabberError, UsageError, VsenseError, failing_as
-from vsense.base.terminal import Console, counted, interruption, print_data
+from vsense.base.interruption import interruption
+from vsense.base.terminal import Console, counted, print_data
 from vsense.config import resources as resources_file
 from vsense.tools.camera_setup.showing import save_picture
 from vsense.vision.calibration.board import Board, CornerFinder

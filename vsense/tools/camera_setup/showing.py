@@ -15,7 +15,8 @@ import numpy as np
 from vsense.base.arena import POSE, ArenaState, Frame, Image
 from vsense.base.clock import host_ns
 from vsense.base.errors import GrabberError, UsageError, VsenseError, failing_as
-from vsense.base.terminal import Console, interruption, print_data
+from vsense.base.interruption import interruption
+from vsense.base.terminal import Console, print_data
 from vsense.modes.live.track_room import TrackRoom
 from vsense.monitor.ui.access import WebAddress
 from vsense.monitor.ui.room import ControlRoom, RoomOptions

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from vsense.base.arena import Image
 from vsense.base.clock import host_ns
 from vsense.base.errors import GrabberError, UsageError
-from vsense.base.terminal import Console, LiveBlock, interruption, print_data
+from vsense.base.interruption import interruption
+from vsense.base.terminal import Console, LiveBlock, print_data
 from vsense.config import resources as resources_file
 from vsense.tools.camera_setup import _panel
 from vsense.tools.camera_setup import _sweep as sweep

@@ -13,7 +13,8 @@ from typing import Any, ClassVar
 from vsense.base import clock
 from vsense.base.arena import Point
 from vsense.base.errors import CutShort, UsageError, VsenseError
-from vsense.base.terminal import Console, aligned, interruption, print_data
+from vsense.base.interruption import interruption
+from vsense.base.terminal import Console, aligned, print_data
 from vsense.config import roster
 from vsense.config.roster import Roster
 from vsense.config.specs import Experiment

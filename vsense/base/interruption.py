@@ -1,0 +1,141 @@
+"""Ctrl-C, SIGTERM and a closed terminal as an event."""
+
+from __future__ import annotations
+
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from queue import Empty, SimpleQueue
+from types import FrameType
+
+from vsense.base.errors import CutShort
+
+LAST_S = 1.7
+"""After SIGTERM a command takes no longer than this, but for the moment of leaving."""
+
+LEAST_WAIT_S = 0.1
+
+SIGNAL_S = 0.5
+"""A signal that comes in the moment before a wait begins does not end it: Python's handler runs
+when the wait is over. So no wait lasts longer than this."""
+
+
+class Interruption(threading.Event):
+    """Set by the first of SIGINT, SIGTERM and SIGHUP that comes.
+
+    Attributes:
+        code: the command's exit code by then, 128 and the signal's number as in a shell: 130 after
+            Ctrl-C, which is also what it is before any signal, and 143 after SIGTERM.
+    """
+
+    code = 128 + signal.SIGINT
+    _came = _raises = _leaves_time = False
+    _last_s: float | None = None
+
+    def __init__(self) -> None:
+        super().__init__()
+        # What `threading.Event` holds while it waits and sets is not for a signal's handler, which
+        # may come in the middle of it: it would wait for itself. This is.
+        self._wakes: SimpleQueue[None] = SimpleQueue()
+
+    def is_set(self) -> bool:
+        """Whether a signal has come."""
+        return self._came
+
+    def set(self) -> None:
+        """Wakes all that wait; for handlers of signals, too."""
+        self._came = True
+        self._wakes.put(None)
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Waits for a signal, for `timeout` s at the longest; gives whether one has come."""
+        end_s = None if timeout is None else time.monotonic() + timeout
+        while not self._came:
+            left_s = SIGNAL_S if end_s is None else min(SIGNAL_S, end_s - time.monotonic())
+            if left_s <= 0.0:
+                break
+            with suppress(Empty):
+                self._wakes.get(timeout=left_s)
+                self._wakes.put(None)  # for whoever else waits
+        return self._came
+
+    def interrupt(self, number: int, frame: FrameType | None) -> None:
+        """The signals' handler."""
+        again = self.is_set()
+        if not again:
+            self.code = 128 + number
+        if number != signal.SIGINT and self._last_s is None:
+            self._last_s = time.monotonic() + LAST_S
+        self.set()
+        if self._raises or (self._leaves_time and again):
+            self._raises = self._leaves_time = False
+            raise CutShort(self.code)
+        if self._leaves_time:
+            self._set_alarm()
+
+    @contextmanager
+    def at_once(self) -> Iterator[None]:
+        """Has a signal raise CutShort where the main thread is, which looks at nothing there."""
+        self._raises = True
+        try:
+            if self.is_set():
+                raise CutShort(self.code)
+            yield
+        finally:
+            self._raises = False
+
+    @contextmanager
+    def in_time(self) -> Iterator[None]:
+        """What is worth some seconds after Ctrl-C: CutShort where it is not over `LAST_S` after a
+        SIGTERM, or at the next signal."""
+        if threading.current_thread() is not threading.main_thread():
+            yield  # signals are the main thread's
+            return
+        before = signal.signal(signal.SIGALRM, self._ring)
+        self._leaves_time = True
+        try:
+            self._set_alarm()
+            yield
+        finally:
+            self._leaves_time = False
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            signal.signal(signal.SIGALRM, before)
+
+    def _set_alarm(self) -> None:
+        if self._last_s is not None:
+            left_s = max(self._last_s - time.monotonic(), LEAST_WAIT_S)
+            signal.setitimer(signal.ITIMER_REAL, left_s)
+
+    def _ring(self, number: int, frame: FrameType | None) -> None:
+        if self._leaves_time:
+            self._set_alarm()  # what then tidies up may wait, too
+            raise CutShort(self.code)
+
+
+_newest: Interruption | None = None
+
+
+def came() -> bool:
+    """Whether a signal has ended what this process did last; any thread."""
+    return _newest is not None and _newest.is_set()
+
+
+@contextmanager
+def interruption() -> Iterator[Interruption]:
+    """Gives an event that SIGINT, SIGTERM and SIGHUP set, instead of what they did before.
+
+    SIGHUP is left alone where it is ignored: `nohup` did that.
+    """
+    global _newest
+    interrupted = _newest = Interruption()
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
+        numbers.append(signal.SIGHUP)
+    before = {number: signal.signal(number, interrupted.interrupt) for number in numbers}
+    try:
+        yield interrupted
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
