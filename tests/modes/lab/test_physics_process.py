@@ -95,6 +95,7 @@ def test_what_is_written_while_ticks_are_computed_does_not_count_as_earlier(
     process.step(process.controllers.readable(), EPOCH_NS + 4 * TICK_NS - 1)
     for tick in range(4, 5 + FLUSH_TICKS):
         process.step([], EPOCH_NS + tick * TICK_NS)
+    process._log.close()
     (applied,) = read_actuations(Path(spec["log"]))
     assert applied["time_ns"] > EPOCH_NS + 4 * TICK_NS
 
