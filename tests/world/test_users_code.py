@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import re
+import subprocess
 import sys
+import threading
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
 import pytest
 
+from vsense.base import users_code
 from vsense.base.errors import VsenseError
-from vsense.base.users_code import UsersCode, line_of
+from vsense.base.users_code import CallWatchdog, UsersCode, line_of
 from vsense.world.entities import Zone
 from vsense.world.world import World
 
 NAME = "vsense_test_of_users_code"
+PATIENCE_S = 30.0
 
 
 class UsersError(VsenseError):
@@ -123,3 +129,87 @@ def test_dataclasses_find_their_module(tmp_path: Path) -> None:
 def test_lines_of_functions(tmp_path: Path) -> None:
     _, module = load(tmp_path, "\n\ndef f():\n    pass\n")
     assert (line_of(module.f), line_of(3), line_of(len)) == (3, 1, 1)
+
+
+HUNG = """
+import os, signal, sys, threading, time
+from pathlib import Path
+from vsense import cli
+from vsense.base import interruption as module
+from vsense.base.errors import VsenseError
+from vsense.base.interruption import interruption
+from vsense.base.users_code import UsersCode
+
+module.STUCK_S, module.ALARM_S = 0.2, 0.05
+module.last_acts.append(lambda: print("terminal restored", flush=True))
+
+def run(words):
+    make = lambda file, line, text: VsenseError(f"{file}:{line}: {text}")
+    code = UsersCode(Path(sys.argv[1]), make)
+    with interruption() as interrupted:
+        threading.Timer(0.3, os.kill, (os.getpid(), getattr(signal, sys.argv[2]))).start()
+        users = code.load("users")
+        with code.watch("in act: "):
+            users.act()
+        print("it has returned", interrupted.wait(9.0), flush=True)
+        return interrupted.code
+
+cli._run = run
+sys.exit(cli.main())
+"""
+PLACES = {
+    "sleeps": ("while True:\n        time.sleep(0.01)", ":4: in act: it had not returned for "),
+    "spins": ("while True:\n        pass", ": in act: it had not returned for "),
+    "catches": (
+        "while True:\n        try: time.sleep(0.01)\n        except: pass",
+        "/mine.py catches what shall end it: the process ends",
+    ),
+    "returns": ("time.sleep(0.1)", "it has returned True"),
+}
+
+
+@pytest.mark.parametrize("how", PLACES)
+@pytest.mark.parametrize("signal_name, code", [("SIGTERM", 143), ("SIGINT", 130)])
+def test_a_signal_ends_what_does_not_return(
+    tmp_path: Path, how: str, signal_name: str, code: int
+) -> None:
+    body, words = PLACES[how]
+    (tmp_path / "mine.py").write_text(f"import time\ndef act():\n    {body}\n")
+    command = [sys.executable, "-c", HUNG, str(tmp_path / "mine.py"), signal_name]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert words in done.stdout + done.stderr and done.returncode == code
+    assert ("terminal restored" in done.stdout) == (how == "catches")
+    assert "Traceback" not in done.stderr
+
+
+def test_what_does_not_return_is_told_with_its_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(users_code, "STUCK_S", 0.1)
+    monkeypatch.setattr(users_code, "ALARM_S", 0.01)
+    path = tmp_path / "mine.py"
+    path.write_text("def act(wait):\n    wait()\n")
+    code = UsersCode(path, lambda file, line, text: VsenseError(text))
+    users = code.load("users")
+    said: list[str] = []
+    told, go = threading.Event(), threading.Event()
+
+    def say(text: str) -> None:
+        said.append(text)
+        told.set()
+
+    def act(wait: Callable[[], object]) -> None:
+        with code.watch(), code.watch():
+            users.act(wait)
+
+    with CallWatchdog(say):
+        act(lambda: None)
+        thread = threading.Thread(target=act, args=(go.wait,))
+        thread.start()
+        assert told.wait(PATIENCE_S)
+        told.clear()
+        go.set()
+        thread.join()
+        assert told.wait(PATIENCE_S)
+    line = rf"{path}:2: it has not returned for 0\.\d s: robots stand until it does"
+    assert re.fullmatch(line, said[0]) and said[1:] == [f"{path} has returned"]

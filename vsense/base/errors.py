@@ -75,6 +75,14 @@ class CutShort(KeyboardInterrupt):
         self.exit_code = exit_code
 
 
+class NeverReturned(VsenseError):
+    """Users' code that a signal had to end; `exit_code` says which."""
+
+    def __init__(self, message: str, exit_code: int) -> None:
+        super().__init__(message)
+        self.exit_code = exit_code
+
+
 class ConfigError(VsenseError):
     """A configuration file, as the user named it, that is wrong in a line, counted from 1."""
 

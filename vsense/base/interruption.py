@@ -1,14 +1,17 @@
-"""Ctrl-C, SIGTERM and a closed terminal as an event."""
+"""Ctrl-C, SIGTERM and a closed terminal as an event, also where users' code does not return."""
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from queue import Empty, SimpleQueue
 from types import FrameType
+from typing import NoReturn
 
 from vsense.base.errors import CutShort
 
@@ -20,6 +23,50 @@ LEAST_WAIT_S = 0.1
 SIGNAL_S = 0.5
 """A signal that comes in the moment before a wait begins does not end it: Python's handler runs
 when the wait is over. So no wait lasts longer than this."""
+
+
+STUCK_S = 1.0
+"""Users' code that has not returned for so long is ended by a signal, and told without one."""
+
+ALARM_S = 0.25
+"""After a signal it is looked so often whether it has ..."""
+
+MOST_ALARMS = 4
+"""... and where it has not after so many CutShort, which it must have caught, the process ends."""
+
+
+@dataclass(slots=True, eq=False)
+class UsersCall:
+    """A call of users' code that has not returned, in this process.
+
+    Attributes:
+        file: its file, as the user has named it.
+        thread: in which it is.
+        begun_s: when it was called, in time.monotonic() [s].
+        alarms: so often it was to end.
+    """
+
+    file: str
+    thread: int
+    begun_s: float
+    alarms: int = 0
+
+    @property
+    def duration_s(self) -> float:
+        """Since it was called."""
+        return time.monotonic() - self.begun_s
+
+    def alarm(self) -> int:
+        """Counts that it is to end."""
+        self.alarms += 1
+        return self.alarms
+
+
+calls: list[UsersCall] = []
+"""Those of this moment; a call in another one of the same thread is not among them."""
+
+last_acts: list[Callable[[], None]] = []
+"""What is done before a process ends that does not tidy up."""
 
 
 class Interruption(threading.Event):
@@ -74,6 +121,8 @@ class Interruption(threading.Event):
             raise CutShort(self.code)
         if self._leaves_time:
             self._set_alarm()
+        else:
+            self._set_looks()
 
     @contextmanager
     def at_once(self) -> Iterator[None]:
@@ -93,25 +142,44 @@ class Interruption(threading.Event):
         if threading.current_thread() is not threading.main_thread():
             yield  # signals are the main thread's
             return
-        before = signal.signal(signal.SIGALRM, self._ring)
         self._leaves_time = True
         try:
             self._set_alarm()
             yield
         finally:
             self._leaves_time = False
-            signal.setitimer(signal.ITIMER_REAL, 0.0)
-            signal.signal(signal.SIGALRM, before)
+            self._set_looks()
+
+    def _set_looks(self) -> None:
+        interval_s = ALARM_S if self._came else 0.0
+        signal.setitimer(signal.ITIMER_REAL, interval_s, interval_s)
 
     def _set_alarm(self) -> None:
         if self._last_s is not None:
             left_s = max(self._last_s - time.monotonic(), LEAST_WAIT_S)
-            signal.setitimer(signal.ITIMER_REAL, left_s)
+            # What then tidies up may wait, too.
+            signal.setitimer(signal.ITIMER_REAL, left_s, ALARM_S)
 
-    def _ring(self, number: int, frame: FrameType | None) -> None:
-        if self._leaves_time:
-            self._set_alarm()  # what then tidies up may wait, too
+    def ring(self, number: int, frame: FrameType | None) -> None:
+        """The alarm's handler; CutShort where time is over, or users' code does not return."""
+        if self._leaves_time and self._last_s is not None and time.monotonic() >= self._last_s:
             raise CutShort(self.code)
+        ours = [call for call in calls if call.thread == threading.main_thread().ident]
+        if not ours or ours[0].duration_s < STUCK_S:
+            return
+        if ours[0].alarm() > MOST_ALARMS:
+            _end_now(ours[0], self.code)
+        raise CutShort(self.code)
+
+
+def _end_now(call: UsersCall, code: int) -> NoReturn:
+    """Ends the process; takes no lock, which may be held by what is interrupted here."""
+    for act in last_acts:
+        act()
+    text = f"vsense: {call.file} catches what shall end it: the process ends\n"
+    with suppress(OSError):
+        os.write(2, text.encode("ascii", "backslashreplace"))
+    os._exit(code)
 
 
 _newest: Interruption | None = None
@@ -134,8 +202,10 @@ def interruption() -> Iterator[Interruption]:
     if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
         numbers.append(signal.SIGHUP)
     before = {number: signal.signal(number, interrupted.interrupt) for number in numbers}
+    before[signal.SIGALRM] = signal.signal(signal.SIGALRM, interrupted.ring)
     try:
         yield interrupted
     finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import inspect
 import sys
+import threading
+import time
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType, TracebackType
 
 from vsense.base.arena import POSE
-from vsense.base.errors import VsenseError, likely
+from vsense.base.errors import NeverReturned, VsenseError, likely
 from vsense.base.files import read_bytes
+from vsense.base.interruption import ALARM_S, STUCK_S, UsersCall, calls
 
 _MAX_SHOWN = 300
 
@@ -89,7 +92,8 @@ class UsersCode:
     ) -> Iterator[None]:
         """Runs the user's code: modules beside it are found, and its errors have their line.
 
-        SystemExit is an error here, too: a file must not end the program. Ctrl-C goes through.
+        SystemExit is an error here, too: a file must not end the program. Ctrl-C goes through,
+        unless it ends a call that has not returned for long.
 
         Args:
             where: begins the error's message.
@@ -99,15 +103,34 @@ class UsersCode:
         Raises:
             VsenseError: the user's, made by `error`.
         """
-        with self.beside():
+        with self.beside(), self._called() as call:
             try:
                 yield
-            except KeyboardInterrupt:
-                raise
+            except KeyboardInterrupt as error:
+                if not call.alarms:
+                    raise
+                words = f"{where}it had not returned for {call.duration_s:.1f} s and was ended"
+                line = _line_in(self.file, error) or fallback
+                raise NeverReturned(str(self.error(line, words)), error.args[0]) from None
             except through:
                 raise
             except BaseException as error:
                 raise self.caused(error, where, fallback) from error
+
+    @contextmanager
+    def _called(self) -> Iterator[UsersCall]:
+        """Notes, for signals and `CallWatchdog`, that the user's code is called."""
+        thread = threading.get_ident()
+        call = next((call for call in calls if call.thread == thread), None)
+        if call is not None:
+            yield call
+            return
+        call = UsersCall(self.file, thread, time.monotonic())
+        calls.append(call)
+        try:
+            yield call
+        finally:
+            calls.remove(call)
 
     def caused(self, error: BaseException, where: str = "", fallback: int = 1) -> VsenseError:
         """Makes the error that says what an exception of the user's code means; see `watch`."""
@@ -123,6 +146,39 @@ class UsersCode:
             ours = [place for place, folder in enumerate(sys.path) if folder == self._folder]
             for last in ours[-1:]:
                 del sys.path[last]
+
+
+class CallWatchdog:
+    """Says which users' code does not return, and where it is; a context with a thread."""
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self._say = say
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="vsense-watchdog", daemon=True)
+
+    def __enter__(self) -> None:
+        self._thread.start()
+
+    def __exit__(self, *exception: object) -> None:
+        self._over.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        told: list[UsersCall] = []
+        while not self._over.wait(ALARM_S):
+            now = [call for call in calls if call.duration_s > STUCK_S]
+            for call in told:
+                if call not in now:
+                    self._say(f"{call.file} has returned")
+            for call in now:
+                if call not in told:
+                    frame = sys._current_frames().get(call.thread)
+                    while frame is not None and frame.f_code.co_filename != call.file:
+                        frame = frame.f_back
+                    place = call.file if frame is None else f"{call.file}:{frame.f_lineno}"
+                    since = f"has not returned for {call.duration_s:.1f} s"
+                    self._say(f"{place}: it {since}: robots stand until it does")
+            told = now
 
 
 def line_of(function: object) -> int:

@@ -145,12 +145,12 @@ def _limited(programs: Programs) -> Iterator[None]:
             raise TimeoutError(f"did not return within {STEP_MAX_S:g} s")
 
     before = signal.signal(signal.SIGALRM, stop)
-    signal.setitimer(signal.ITIMER_REAL, STEP_MAX_S, STEP_MAX_S)
+    timer = signal.setitimer(signal.ITIMER_REAL, STEP_MAX_S, STEP_MAX_S)
     try:
         yield
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)
+        signal.setitimer(signal.ITIMER_REAL, *timer)
 
 
 class RemoteSwarm:

@@ -129,6 +129,7 @@ def test_an_actuator_frame_moves_the_truth_from_its_time_on(
     write(process, fd, forward(500, ring=0b101), EPOCH_NS + 5 * TICK_NS)
     for tick in range(6, 6 + FLUSH_TICKS):
         process.step([], EPOCH_NS + tick * TICK_NS)
+    process._log.close()
     (applied,) = read_actuations(Path(spec["log"]))
     assert applied["robot"] == 0
     assert applied["leds"] == 0b101

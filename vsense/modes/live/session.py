@@ -13,6 +13,7 @@ from vsense.base.files import read_bytes
 from vsense.base.interruption import Interruption
 from vsense.base.sharing import user_name
 from vsense.base.terminal import Console, Level
+from vsense.base.users_code import CallWatchdog
 from vsense.config.casting import Pair
 from vsense.config.specs import Experiment
 from vsense.modes.live._own_daemons import OwnDaemons
@@ -70,10 +71,9 @@ class RunSetup:
         trust: which robots are believed.
         interrupted: set to end everything.
         room: where the runs are seen and steered.
-        made: how the experiment was read, for recordings; see `vsense.monitor.recording.resense`.
+        origin: how the experiment was read, for recordings; see `vsense.monitor.recording.resense`.
         starts: where robots drive before each run; None: they stay where they are.
-        battery_v: who has less before a run, when it has driven to its start, rests in it; 0:
-            nobody does.
+        battery_v: who has less at its start rests in the run; 0: nobody does.
         lease: takes robots that are put in between runs, by their tags, before they hear of it.
         other_programs: robots that run another program than the file's are taken.
         criteria: what makes a run invalid beside what always does.
@@ -186,6 +186,7 @@ class ExperimentSession(ABC):
             setup.interrupted.set,
         )
         RunSteering(room, scene, self.environment, server, runtime, control, callbacks).open()
+        self._stack.enter_context(CallWatchdog(lambda text: self._say(text, "trouble")))
         return runtime
 
     def _scene(

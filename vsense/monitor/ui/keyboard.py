@@ -13,6 +13,7 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from vsense.base.errors import VsenseError
+from vsense.base.interruption import last_acts
 from vsense.run.orders import Give, Order, OrderKind
 
 KEYS = {
@@ -51,6 +52,7 @@ class Keyboard:
         now = termios.tcgetattr(self._descriptor)
         now[0] &= ~termios.IXON
         termios.tcsetattr(self._descriptor, termios.TCSANOW, now)
+        last_acts.append(self._restore)
         self._out, self._in = os.pipe()
         self._thread = threading.Thread(target=self._run, name="vsense-keyboard", daemon=True)
         self._thread.start()
@@ -61,9 +63,13 @@ class Keyboard:
         self._thread.join()
         os.close(self._in)
         os.close(self._out)
-        # A terminal that was closed cannot be restored.
+        last_acts.remove(self._restore)
+        self._restore()
+
+    def _restore(self) -> None:
+        # One that was closed cannot be restored; what is on the way there may never leave.
         with suppress(termios.error):
-            termios.tcsetattr(self._descriptor, termios.TCSADRAIN, self._before)
+            termios.tcsetattr(self._descriptor, termios.TCSANOW, self._before)
 
     def _run(self) -> None:
         while True:
