@@ -14,6 +14,7 @@ import pytest
 
 from vsense.base import users_code
 from vsense.base.errors import VsenseError
+from vsense.base.interruption import interruption
 from vsense.base.users_code import CallWatchdog, UsersCode, line_of
 from vsense.world.entities import Zone
 from vsense.world.world import World
@@ -213,3 +214,11 @@ def test_what_does_not_return_is_told_with_its_line(
         assert told.wait(PATIENCE_S)
     line = rf"{path}:2: it has not returned for 0\.\d s: robots stand until it does"
     assert re.fullmatch(line, said[0]) and said[1:] == [f"{path} has returned"]
+
+
+def test_only_a_signal_is_ctrl_c(tmp_path: Path) -> None:
+    text = "raise KeyboardInterrupt\n"
+    with interruption(), pytest.raises(UsersError, match=r"^mine\.py:1: KeyboardInterrupt$"):
+        load(tmp_path, text)
+    with pytest.raises(KeyboardInterrupt):
+        load(tmp_path, text)

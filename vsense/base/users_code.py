@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import signal
 import sys
 import threading
 import time
@@ -12,7 +13,7 @@ from pathlib import Path
 from types import ModuleType, TracebackType
 
 from vsense.base.arena import POSE
-from vsense.base.errors import NeverReturned, VsenseError, likely
+from vsense.base.errors import CutShort, NeverReturned, VsenseError, likely
 from vsense.base.files import read_bytes
 from vsense.base.interruption import ALARM_S, STUCK_S, UsersCall, calls
 
@@ -108,7 +109,9 @@ class UsersCode:
                 yield
             except KeyboardInterrupt as error:
                 if not call.alarms:
-                    raise
+                    if _is_signal(error):
+                        raise
+                    raise self.caused(error, where, fallback) from error
                 words = f"{where}it had not returned for {call.duration_s:.1f} s and was ended"
                 line = _line_in(self.file, error) or fallback
                 raise NeverReturned(str(self.error(line, words)), error.args[0]) from None
@@ -146,6 +149,12 @@ class UsersCode:
             ours = [place for place, folder in enumerate(sys.path) if folder == self._folder]
             for last in ours[-1:]:
                 del sys.path[last]
+
+
+def _is_signal(error: KeyboardInterrupt) -> bool:
+    """Whether it is Ctrl-C, or ends the command, and not the user's own code."""
+    by_python = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    return by_python or isinstance(error, CutShort)
 
 
 class CallWatchdog:
