@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import threading
@@ -87,6 +88,11 @@ class Interruption(threading.Event):
         # may come in the middle of it: it would wait for itself. This is.
         self._wakes: SimpleQueue[None] = SimpleQueue()
 
+    @property
+    def left_s(self) -> float:
+        """How long all may take that is done yet, from now on."""
+        return math.inf if self._last_s is None else max(self._last_s - time.monotonic(), 0.0)
+
     def is_set(self) -> bool:
         """Whether a signal has come."""
         return self._came
@@ -156,13 +162,13 @@ class Interruption(threading.Event):
 
     def _set_alarm(self) -> None:
         if self._last_s is not None:
-            left_s = max(self._last_s - time.monotonic(), LEAST_WAIT_S)
+            left_s = max(self.left_s, LEAST_WAIT_S)
             # What then tidies up may wait, too.
             signal.setitimer(signal.ITIMER_REAL, left_s, ALARM_S)
 
     def ring(self, number: int, frame: FrameType | None) -> None:
         """The alarm's handler; CutShort where time is over, or users' code does not return."""
-        if self._leaves_time and self._last_s is not None and time.monotonic() >= self._last_s:
+        if self._leaves_time and self.left_s == 0.0:
             raise CutShort(self.code)
         ours = [call for call in calls if call.thread == threading.main_thread().ident]
         if not ours or ours[0].duration_s < STUCK_S:
@@ -185,9 +191,9 @@ def _end_now(call: UsersCall, code: int) -> NoReturn:
 _newest: Interruption | None = None
 
 
-def came() -> bool:
-    """Whether a signal has ended what this process did last; any thread."""
-    return _newest is not None and _newest.is_set()
+def left_s() -> float:
+    """How long this process may go on: for ever, but after SIGTERM or SIGHUP; any thread."""
+    return math.inf if _newest is None else _newest.left_s
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from functools import partial
 from typing import TextIO
 from weakref import WeakKeyDictionary
 
-from vsense.base.interruption import came
+from vsense.base.interruption import left_s
 
 PAUSE_S = 0.05
 """A reader that is only slow is waited for so long, once, until it has read again."""
@@ -29,8 +29,8 @@ MOST_WRITES = 10_000
 """So many writes wait for a disk; what comes after them is left out."""
 HUNG_S = 1.0
 """A write that takes longer is told."""
-CLOSE_S, HURRY_S, POLL_S = 10.0, 0.1, 0.05
-"""In the end the disk is waited for so long, and where a signal has ended the process."""
+CLOSE_S, POLL_S = 10.0, 0.05
+"""In the end the disk is waited for so long; so often it is looked whether a signal has come."""
 
 
 class Outlet:
@@ -156,11 +156,20 @@ def outlet_of(stream: TextIO) -> Outlet:
 def _drain() -> None:
     for outlet in [*_outlets.values()]:
         with suppress(OSError, ValueError):  # its stream may be closed
-            outlet.drain(HURRY_S if came() else LAST_S)
+            outlet.drain(max(min(LAST_S, left_s()), POLL_S))
 
 
 # What waits is the parent's, and a fork closes what it does not know.
 os.register_at_fork(after_in_child=_outlets.clear)
+
+
+def has_ended(thread: threading.Thread, wait_s: float) -> bool:
+    """Waits for a thread that is to end: for `wait_s` s at the longest, and no longer than a signal
+    leaves time."""
+    end_s = time.monotonic() + wait_s
+    while thread.is_alive() and (wait_s := min(end_s - time.monotonic(), left_s())) > 0.0:
+        thread.join(min(wait_s, POLL_S))
+    return not thread.is_alive()
 
 
 class BackgroundWriter:
@@ -206,18 +215,13 @@ class BackgroundWriter:
         return self._begun_s is None and not self._pending
 
     def close(self, wait_s: float = CLOSE_S) -> None:
-        """Waits until all is written: for `wait_s` s at the longest, less after a signal."""
+        """Waits until all is written, as `has_ended` does."""
         with self._changed:
             self._closed = True
             self._changed.notify()
-        begun_s = time.monotonic()
-        while self._thread is not None and self._thread.is_alive():
-            waited_s = time.monotonic() - begun_s
-            if waited_s > (HURRY_S if came() else wait_s):
-                text = f"the disk does not answer for {waited_s:.1f} s: the last of {self._what}"
-                self._say(f"{text} is lost if this process ends before")
-                return
-            self._thread.join(POLL_S)
+        if self._thread is not None and not has_ended(self._thread, wait_s):
+            text = f"the disk does not answer: the last of {self._what}"
+            self._say(f"{text} is lost if this process ends before")
 
     def _run(self) -> None:
         while True:

@@ -23,6 +23,7 @@ from vsense.base.arena import Frame
 from vsense.base.clock import host_ns
 from vsense.base.message_bus import Listener, Message, MessageBus
 from vsense.base.terminal import Level
+from vsense.base.writing import has_ended
 from vsense.monitor.foxglove.channels import Channels
 from vsense.monitor.recording import form, megabytes
 from vsense.monitor.recording._waiting import Waiting, WaitingBounds, WaitingItem, WaitingPicture
@@ -211,7 +212,8 @@ class Recorder:
                 self._waiting.end(self._clock())
             self._closing.set()
         self._waiting.wake()
-        self._thread.join(_CLOSE_S)
+        if not has_ended(self._thread, _CLOSE_S):
+            self._report(f"the end of the recording is missing: {self.path}: no answer of the disk")
 
     def _end_pause(self) -> None:
         """Marks the gap since `pause`."""
