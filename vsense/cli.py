@@ -7,6 +7,7 @@ Exit codes: 0 ok, 1 failed, 2 wrong usage or input, 130 interrupted
 from __future__ import annotations
 
 import atexit
+import math
 import os
 import signal
 import sys
@@ -15,6 +16,7 @@ from contextlib import suppress
 from typing import NoReturn
 
 from vsense.base.errors import VsenseError
+from vsense.base.interruption import left_s
 from vsense.base.processes import ForkedProcess
 from vsense.base.terminal import Console, print_data
 
@@ -39,20 +41,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
             ForkedProcess.allow()
     try:
         code = _run(list(sys.argv[1:] if arguments is None else arguments))
-        if arguments is None and ForkedProcess.is_safe():
-            _leave(code)
-        return code
     except VsenseError as error:
         # Where the terminal has gone (SIGHUP) the exit code still says why.
         Console().print_only(f"vsense: {error}")
-        return error.exit_code
+        code = error.exit_code
     except KeyboardInterrupt as error:  # which may say the signal, as `Interruption.code` does
         Console().print_only("vsense: interrupted")
-        return error.args[0] if error.args else 130
+        code = error.args[0] if error.args else 130
     except ImportError:
         if not codes:
             raise
-        return codes[0]  # NumPy makes an ImportError of whatever comes in the midst of its import
+        code = codes[0]  # NumPy makes an ImportError of whatever comes in the midst of its import
+    # After SIGTERM no thread of a user's is waited for.
+    if arguments is None and (ForkedProcess.is_safe() or left_s() < math.inf):
+        _leave(code)
+    return code
 
 
 def _leave(code: int) -> NoReturn:

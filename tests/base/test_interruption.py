@@ -221,3 +221,78 @@ def test_sigterm_ends_who_prints_for_nobody() -> None:
         process.wait()
         for descriptor in (reader, unread, alive):
             os.close(descriptor)
+
+
+def test_the_alarm_of_somebody_else_rings_and_is_left_as_it_was() -> None:
+    rung = threading.Event()
+    before = signal.signal(signal.SIGALRM, lambda number, frame: rung.set())
+    try:
+        signal.setitimer(signal.ITIMER_REAL, 0.05)
+        with interruption():
+            assert rung.wait(NEVER_S)
+        signal.setitimer(signal.ITIMER_REAL, 50.0)
+        with interruption() as interrupted:
+            come(signal.SIGTERM)
+            assert interrupted.is_set()
+        assert 0.0 < signal.getitimer(signal.ITIMER_REAL)[0] <= 50.0
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        with interruption() as interrupted:
+            come(signal.SIGTERM)
+        assert signal.getitimer(signal.ITIMER_REAL) == (0.0, 0.0)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def test_a_call_that_is_over_is_not_ended() -> None:
+    """A signal may come between the end of a call and its being forgotten."""
+    with interruption() as interrupted:
+        call = module.OpenCall("mine.py", "mine.py", 0.0, threading.get_ident(), 0.0)
+        module.calls.append(call)
+        come(signal.SIGTERM)
+        interrupted.ring(signal.SIGALRM, sys._getframe())
+        assert call not in module.calls
+
+
+NEVER_ENDS = """
+import os, time
+from vsense import cli
+from vsense.base import interruption as module
+
+module.LAST_S = module.END_S = 0.2
+
+def run(words):
+    with module.interruption():
+        os.close(0)
+        while True:
+            time.sleep(0.01)
+
+cli._run = run
+cli.main()
+"""
+
+
+@pytest.mark.parametrize("unread", [False, True])
+def test_what_never_looks_at_the_signal_ends(unread: bool) -> None:
+    reader, written = os.pipe()
+    if unread:
+        os.set_blocking(written, False)
+        with suppress(BlockingIOError):
+            while True:
+                os.write(written, b"x" * 4096)
+        os.set_blocking(written, True)
+    alive, ready = os.pipe()
+    process = subprocess.Popen([sys.executable, "-c", NEVER_ENDS], stdin=ready, stderr=written)
+    try:
+        os.close(ready)
+        assert os.read(alive, 1) == b""
+        process.terminate()
+        assert process.wait(NEVER_S) == 143
+        os.close(written)
+        said = b"".join(iter(lambda: os.read(reader, 4096), b""))
+        assert (b"what should end takes too long: the process ends" in said) != unread
+    finally:
+        process.kill()
+        process.wait()
+        for descriptor in (reader, alive):
+            os.close(descriptor)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 import os
 import pty
@@ -26,6 +27,8 @@ from vsense.base.writing import BackgroundWriter
 FLOOD = 5000
 """Lines of 100 bytes: more than a terminal, a pipe or a socket holds, and more than may wait."""
 NEVER_S = 30.0
+HANGING = 5000
+"""Lines of 100 bytes that wait for a disk: more than a pipe holds, fewer than may wait."""
 
 
 def _pipe() -> tuple[int, int]:
@@ -115,6 +118,7 @@ for number in range({count}):
     Console().say("x" * 99)
 os.open = opened
 os.close(os.open({ended!r}, os.O_CREAT))
+os._exit(0)
 """
 
 
@@ -151,11 +155,11 @@ def test_a_disk_that_hangs_keeps_nobody_waiting_and_is_told_once(
         writer = BackgroundWriter("the log", said.append)
 
         def write(number: int) -> None:
-            file.write(f"{number:07}\n")
+            file.write(f"{number:099}\n")
             file.flush()
 
         def write_all() -> None:
-            for number in range(writing.MOST_WRITES):
+            for number in range(HANGING):
                 writer.do(lambda number=number: write(number))
 
         in_time(write_all)
@@ -171,7 +175,7 @@ def test_a_disk_that_hangs_keeps_nobody_waiting_and_is_told_once(
         writer.close()
         found += read()
         numbers = list(map(int, found.split()))
-        assert numbers == list(range(writing.MOST_WRITES))
+        assert numbers == list(range(HANGING))
         assert said[1] == "the disk answers again: nothing is lost of the log"
         assert len(said) == 2
 
@@ -200,3 +204,60 @@ def test_what_fails_is_told_and_the_rest_is_written() -> None:
     assert done == [1] and said == [
         "the log: not all of it is written: IndexError('list index out of range')"
     ]
+
+
+def test_a_disk_that_is_only_slow_loses_nothing_in_silence(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(writing, "MOST_WRITES", 3)
+    said: list[str] = []
+    done: list[str] = []
+    slow = threading.Event()
+    writer = BackgroundWriter("the log", said.append)
+    for number in range(10):
+        writer.do(lambda number=number: (slow.wait(), done.append(str(number))))
+    threading.Timer(0.1, slow.set).start()
+    writer.close(lambda: done.append("closed"))
+    lost = 10 - (len(done) - 1)
+    assert done == [*map(str, range(len(done) - 1)), "closed"] and lost >= 6
+    assert said == [f"{lost} parts of the log are lost: the disk was too slow for them"]
+
+
+@pytest.mark.parametrize("kind", ["pipe", "terminal"])
+def test_consoles_of_several_threads_write_each_line_once(kind: str) -> None:
+    with opened(READERS[kind]) as (reader, stream):
+
+        def say(name: str) -> None:
+            console = Console(stream)
+            for number in range(300):
+                console.say(f"{name} {number}")
+
+        threads = [threading.Thread(target=say, args=(name,)) for name in "abc"]
+        for thread in threads:
+            thread.start()
+        found = ""
+        while any(thread.is_alive() for thread in threads):
+            found += all_of(reader)
+        for name in "abc":
+            lines = [line for line in (found + all_of(reader)).splitlines() if line[0] == name]
+            assert lines == [f"{name} {number}" for number in range(300)]
+            found += all_of(reader)
+
+
+class Notebook(io.StringIO):
+    """As of Jupyter: `fileno` is of the server's terminal."""
+
+    def fileno(self) -> int:
+        return 2
+
+
+def test_a_stream_that_is_none_of_the_systems_is_written_as_it_is() -> None:
+    stream = Notebook()
+    Console(stream).say("in the cell")
+    assert stream.getvalue() == "in the cell\n"
+
+
+def test_the_last_words_wait_for_a_slow_reader(tmp_path: Path) -> None:
+    code = "from vsense.base.terminal import Console; Console().say('x' * 250_000 + 'end')"
+    process = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE)
+    assert process.stderr is not None
+    time.sleep(1.5)  # longer than what is waited after a signal, and than Python takes to start
+    assert process.stderr.read().endswith(b"end\n") and process.wait(NEVER_S) == 0

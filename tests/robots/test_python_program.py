@@ -6,6 +6,7 @@ import csv
 import itertools
 import json
 import re
+import signal
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,10 +16,12 @@ import pytest
 import vsense
 from tests.rigs.places import DATA, ROOT
 from vsense import cli
+from vsense.base.interruption import ALARM_S, interruption
 from vsense.config.experiment import load
 from vsense.config.experiments.start import start_controller
 from vsense.config.specs import Stage
 from vsense.robots import build
+from vsense.run import remote
 from vsense.run.programs import told_programs
 
 SHIPPED = ROOT / "vsense" / "config" / "experiments"
@@ -245,3 +248,16 @@ def test_the_controller_of_new_knows_green(
     controller.floor = SimpleNamespace(known=known, stale=stale, values=values)  # type: ignore[assignment]
     controller.resting = resting
     assert controller.is_on_green() is green
+
+
+def test_a_signal_in_a_step_changes_nothing_of_its_limit() -> None:
+    class Nothing:
+        @staticmethod
+        def parts() -> list[object]:
+            return []
+
+    with interruption():
+        with remote._limited(Nothing()):  # type: ignore[arg-type]
+            signal.raise_signal(signal.SIGTERM)
+            assert signal.getitimer(signal.ITIMER_REAL)[0] > 2.0
+        assert signal.getitimer(signal.ITIMER_REAL)[1] == pytest.approx(ALARM_S)

@@ -139,9 +139,10 @@ from vsense import cli
 from vsense.base import interruption as module
 from vsense.base.errors import VsenseError
 from vsense.base.interruption import interruption
+from vsense.base import users_code
 from vsense.base.users_code import UsersCode
 
-module.STUCK_S, module.ALARM_S = 0.2, 0.05
+users_code.STUCK_S, module.ALARM_S = 0.2, 0.05
 module.last_acts.append(lambda: print("terminal restored", flush=True))
 
 def run(words):
@@ -164,6 +165,10 @@ PLACES = {
     "catches": (
         "while True:\n        try: time.sleep(0.01)\n        except: pass",
         "/mine.py catches what shall end it: the process ends",
+    ),
+    "raises": (
+        "try:\n        while True: time.sleep(0.01)\n    except: raise KeyboardInterrupt('x')",
+        ":5: in act: it had not returned for ",
     ),
     "returns": ("time.sleep(0.1)", "it has returned True"),
 }
@@ -222,3 +227,27 @@ def test_only_a_signal_is_ctrl_c(tmp_path: Path) -> None:
         load(tmp_path, text)
     with pytest.raises(KeyboardInterrupt):
         load(tmp_path, text)
+
+
+SAVES = """
+import signal, sys, time
+from pathlib import Path
+from vsense.base import interruption as module
+from vsense.base import users_code
+from vsense.base.errors import VsenseError
+
+users_code.STUCK_S, module.ALARM_S = 0.1, 0.02
+code = users_code.UsersCode(Path(sys.argv[1]), lambda file, line, text: VsenseError(text))
+with module.interruption():
+    signal.raise_signal(signal.SIGINT)
+    users = code.load("users")
+    with code.watch():
+        users.act()
+"""
+
+
+def test_ctrl_c_leaves_what_begins_after_it_all_its_time(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text("import time\ndef act(): time.sleep(0.5); print('saved')\n")
+    command = [sys.executable, "-c", SAVES, str(tmp_path / "mine.py")]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.stdout == "saved\n", done.stderr

@@ -87,8 +87,7 @@ class LogFile:
 
     def close(self) -> None:
         """Ends the file; can be called again."""
-        self._writer.do(self._end)
-        self._writer.close()
+        self._writer.close(self._end)
 
     def _end(self) -> None:
         if self._descriptor is not None:

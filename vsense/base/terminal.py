@@ -18,7 +18,8 @@ from typing import Literal, TextIO
 
 from vsense.base.clock import host_ns
 from vsense.base.errors import VsenseError, failing_as
-from vsense.base.writing import outlet_of
+from vsense.base.interruption import open_call
+from vsense.base.writing import write
 
 Level = Literal["info", "warning", "trouble"]
 
@@ -97,7 +98,7 @@ class Console:
         # A stream that was closed must not end an experiment.
         with self._lock, suppress(OSError):
             line = self._line if self._live else ""
-            outlet_of(self._stream).write(f"{self._erasing()}{printable_lines(text)}\n{line}")
+            write(self._stream, f"{self._erasing()}{printable_lines(text)}\n{line}")
             self._printed_ns = None
 
     def progress(self, line: str) -> None:
@@ -107,17 +108,17 @@ class Console:
             if self._live:
                 erasing = self._erasing()
                 self._line = line[: os.get_terminal_size(self._stream.fileno()).columns - 1]
-                outlet_of(self._stream).write(f"{erasing}{self._line}", passing=True)
+                write(self._stream, f"{erasing}{self._line}", passing=True)
             else:
                 due = self._is_due()
                 self._printed_ns = host_ns() if due else self._printed_ns
-                outlet_of(self._stream).write(f"{line}\n" if due else "", passing=True)
+                write(self._stream, f"{line}\n" if due else "", passing=True)
 
     def end_progress(self) -> None:
         """Leaves the live line where it is and goes on below it."""
         with self._lock, suppress(OSError):
             if self._live and self._line:
-                outlet_of(self._stream).write("\n")
+                write(self._stream, "\n")
             self._line = ""
 
     def _is_due(self) -> bool:
@@ -256,6 +257,10 @@ def paged(text: str) -> None:
         signal.signal(signal.SIGINT, before)
 
 
+UNREAD_S = 0.25
+"""Data that nobody has read for so long is dropped where a signal ends the process."""
+
+
 def drop_output() -> None:
     """Discards what is printed from now on: the program that read it has ended."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -268,9 +273,10 @@ def print_data(text: str) -> None:
     """
     with failing_as(VsenseError, "standard output"):
         try:
-            print(printable_lines(text), flush=True)
+            with open_call("standard output", __file__, UNREAD_S):
+                print(printable_lines(text), flush=True)
         except BrokenPipeError:
             drop_output()
-        except KeyboardInterrupt:  # nobody reads it, and the process shall end
+        except (KeyboardInterrupt, SystemExit):  # nobody reads it, and the process shall end
             drop_output()
             raise

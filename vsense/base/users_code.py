@@ -6,7 +6,6 @@ import inspect
 import signal
 import sys
 import threading
-import time
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,7 +14,7 @@ from types import ModuleType, TracebackType
 from vsense.base.arena import POSE
 from vsense.base.errors import CutShort, NeverReturned, VsenseError, likely
 from vsense.base.files import read_bytes
-from vsense.base.interruption import ALARM_S, STUCK_S, UsersCall, calls
+from vsense.base.interruption import ALARM_S, STUCK_S, OpenCall, calls, code, open_call
 
 _MAX_SHOWN = 300
 
@@ -104,36 +103,17 @@ class UsersCode:
         Raises:
             VsenseError: the user's, made by `error`.
         """
-        with self.beside(), self._called() as call:
+        with self.beside(), open_call(self.file, self.file, STUCK_S) as call:
             try:
                 yield
-            except KeyboardInterrupt as error:
-                if not call.alarms:
-                    if _is_signal(error):
-                        raise
-                    raise self.caused(error, where, fallback) from error
-                words = f"{where}it had not returned for {call.duration_s:.1f} s and was ended"
-                line = _line_in(self.file, error) or fallback
-                raise NeverReturned(str(self.error(line, words)), error.args[0]) from None
-            except through:
-                raise
             except BaseException as error:
+                if call.alarms:
+                    words = f"{where}it had not returned for {call.duration_s:.1f} s and was ended"
+                    text = str(self.error(_line_in(self.file, error) or fallback, words))
+                    raise NeverReturned(text, code()) from None
+                if _is_signal(error) or isinstance(error, through):
+                    raise
                 raise self.caused(error, where, fallback) from error
-
-    @contextmanager
-    def _called(self) -> Iterator[UsersCall]:
-        """Notes, for signals and `CallWatchdog`, that the user's code is called."""
-        thread = threading.get_ident()
-        call = next((call for call in calls if call.thread == thread), None)
-        if call is not None:
-            yield call
-            return
-        call = UsersCall(self.file, thread, time.monotonic())
-        calls.append(call)
-        try:
-            yield call
-        finally:
-            calls.remove(call)
 
     def caused(self, error: BaseException, where: str = "", fallback: int = 1) -> VsenseError:
         """Makes the error that says what an exception of the user's code means; see `watch`."""
@@ -151,10 +131,10 @@ class UsersCode:
                 del sys.path[last]
 
 
-def _is_signal(error: KeyboardInterrupt) -> bool:
+def _is_signal(error: BaseException) -> bool:
     """Whether it is Ctrl-C, or ends the command, and not the user's own code."""
     by_python = signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    return by_python or isinstance(error, CutShort)
+    return isinstance(error, CutShort) or (by_python and isinstance(error, KeyboardInterrupt))
 
 
 class CallWatchdog:
@@ -173,18 +153,18 @@ class CallWatchdog:
         self._thread.join()
 
     def _run(self) -> None:
-        told: list[UsersCall] = []
+        told: list[OpenCall] = []
         while not self._over.wait(ALARM_S):
-            now = [call for call in calls if call.duration_s > STUCK_S]
+            now = [call for call in calls if call.duration_s > STUCK_S and call.limit_s == STUCK_S]
             for call in told:
                 if call not in now:
-                    self._say(f"{call.file} has returned")
+                    self._say(f"{call.name} has returned")
             for call in now:
                 if call not in told:
                     frame = sys._current_frames().get(call.thread)
                     while frame is not None and frame.f_code.co_filename != call.file:
                         frame = frame.f_back
-                    place = call.file if frame is None else f"{call.file}:{frame.f_lineno}"
+                    place = call.name if frame is None else f"{call.name}:{frame.f_lineno}"
                     since = f"has not returned for {call.duration_s:.1f} s"
                     self._say(f"{place}: it {since}: robots stand until it does")
             told = now

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import atexit
+import io
+import math
 import os
 import select
-import socket
+import signal
 import stat
 import threading
 import time
-from collections import deque
+import weakref
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
+from queue import SimpleQueue
 from typing import TextIO
 from weakref import WeakKeyDictionary
 
@@ -22,8 +25,8 @@ PAUSE_S = 0.05
 """A reader that is only slow is waited for so long, once, until it has read again."""
 MOST_PENDING = 1 << 18
 """Bytes that wait for a reader; what comes after them is left out."""
-LAST_S = 0.5
-"""When the process ends, its last words wait so long for a reader."""
+LAST_S = 0.1
+"""When a signal has ended the process its last words wait so long for a reader."""
 
 MOST_WRITES = 10_000
 """So many writes wait for a disk; what comes after them is left out."""
@@ -34,50 +37,45 @@ CLOSE_S, POLL_S = 10.0, 0.05
 
 
 class Outlet:
-    """A stream of text whose reader may be stopped (Ctrl-S, a hung ssh, `| less`).
+    """A terminal, pipe or socket whose reader may be stopped (Ctrl-S, a hung ssh, `| less`).
 
-    A terminal, pipe or socket is opened a second time, so as not to wait: what is set on the first
-    descriptor is set for other processes, too. Any other stream is written as it is. Its methods
-    are called by one thread at a time.
-
-    Attributes:
-        left_out: texts that were not written since the reader has last read all.
+    It is opened a second time, so as not to wait: what is set on the first descriptor is set for
+    other processes, too. For any thread.
     """
 
-    def __init__(self, stream: TextIO) -> None:
-        self.left_out = 0
-        self._stream = stream
-        self._pending = bytearray()
-        self._waits = True
-        self._write = _second_descriptor(stream)
+    def __init__(self, encoding: str, descriptor: int, write: Callable[[bytearray], int]) -> None:
+        """`write` gives how much it has written to `descriptor`; it does not wait."""
+        self._encoding, self._descriptor, self._write = encoding, descriptor, write
+        self._pending, self._waits = bytearray(), True
+        self._left_out = 0
+        self._lock = threading.Lock()
 
     def write(self, text: str, passing: bool = False) -> None:
-        """Writes what the reader takes; the rest waits for the next call.
-
-        A `passing` text is left out where another waits, since a newer one will come. OSError where
-        the stream is closed.
-        """
-        if self._write is None:
-            self._stream.write(text)
-            self._stream.flush()
-            return
-        self._send()
-        if passing and self._pending:
-            return
-        if self.left_out or len(self._pending) + len(text) > MOST_PENDING:
-            self.left_out += 1
-            return
-        self._pending += text.encode(self._stream.encoding or "utf-8", "backslashreplace")
-        self._send()
-
-    def drain(self, wait_s: float) -> None:
-        """Writes what waits, for `wait_s` s at the longest; OSError where the stream is closed."""
-        end_s = time.monotonic() + wait_s
-        while self._pending and self._ready(end_s - time.monotonic()):
+        """Writes what the reader takes; the rest waits for the next call. As `write`, below."""
+        with self._lock:
+            self._send()
+            if passing and self._pending:
+                return
+            if self._left_out or len(self._pending) > MOST_PENDING:
+                self._left_out += text.count("\n")
+                return
+            self._pending += text.encode(self._encoding, "backslashreplace")
             self._send()
 
+    def drain(self) -> None:
+        """Writes what waits: for ever, and for `LAST_S` where a signal has come."""
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            if callable(signal.getsignal(number)):
+                signal.signal(number, signal.SIG_DFL)
+        begun_s = time.monotonic()
+        while self._pending and (left_s() == math.inf or time.monotonic() - begun_s < LAST_S):
+            if self._ready(POLL_S) and self._lock.acquire(timeout=POLL_S):
+                try:
+                    self._send()
+                finally:
+                    self._lock.release()
+
     def _send(self) -> None:
-        assert self._write is not None
         while self._pending:
             try:
                 del self._pending[: self._write(self._pending)]
@@ -89,39 +87,57 @@ class Outlet:
                 self._pending.clear()
                 raise
         self._waits = True
-        if self.left_out:
-            text = f"vsense: {self.left_out} lines are left out here: nobody read them\n"
-            self.left_out = 0
+        if self._left_out:
+            text = f"vsense: {self._left_out} lines are left out here: nobody read them\n"
+            self._left_out = 0
             self._pending += text.encode()
             self._send()
 
     def _ready(self, wait_s: float) -> bool:
         """Waits until something can be written."""
         poll = select.poll()
-        poll.register(self._stream.fileno(), select.POLLOUT)
-        return wait_s > 0.0 and bool(poll.poll(1000.0 * wait_s))
+        poll.register(self._descriptor, select.POLLOUT)
+        return bool(poll.poll(1000.0 * wait_s))
 
 
-def _second_descriptor(stream: TextIO) -> Callable[[bytearray], int] | None:
-    """Gives what writes to a stream and does not wait; None: its writing does not depend on who
-    reads it."""
+_outlets: WeakKeyDictionary[TextIO, Outlet | None] = WeakKeyDictionary()
+
+
+def write(stream: TextIO, text: str, passing: bool = False) -> None:
+    """Writes to a stream without waiting for its reader, where it is one of the system's.
+
+    A `passing` text is left out where another waits, since a newer one will come. OSError where the
+    stream is closed.
+    """
+    outlet = None
+    # Of any other class `fileno` may be where nothing is written to, such as a notebook's.
+    if type(stream) is io.TextIOWrapper:
+        outlet = _outlets.get(stream) or _outlets.setdefault(stream, _outlet_of(stream))
+    if outlet is None:
+        stream.write(text)
+        stream.flush()
+    else:
+        outlet.write(text, passing)
+
+
+def _outlet_of(stream: io.TextIOWrapper) -> Outlet | None:
+    """None: its writing does not depend on who reads it."""
     try:
         first = stream.fileno()
         mode = os.fstat(first).st_mode
-    except (AttributeError, OSError, ValueError):  # it is no file of the system's, or closed
+    except (OSError, ValueError):  # it is no file of the system's, or closed
         return None
-    if stat.S_ISSOCK(mode):
-        opened = socket.socket(fileno=os.dup(first))
-        return lambda data: opened.send(data, socket.MSG_DONTWAIT)
     terminal = os.isatty(first)
-    if not stat.S_ISFIFO(mode) and not terminal:
+    if not (stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode) or terminal):
         return None
     own = ["/dev/tty"] if terminal and _controls(first) else []
     for name in (f"/proc/self/fd/{first}", *own):
-        with suppress(OSError):  # it is another account's, as under sudo
+        with suppress(OSError):  # it is a socket, or another account's, as under sudo
             flags = os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_CLOEXEC
-            return partial(os.write, os.open(name, flags))
-    return None if terminal else partial(_write_little, first)
+            second = os.open(name, flags)
+            weakref.finalize(stream, os.close, second).atexit = False  # last words go there
+            return Outlet(stream.encoding, second, partial(os.write, second))
+    return None if terminal else Outlet(stream.encoding, first, partial(_write_little, first))
 
 
 def _controls(descriptor: int) -> bool:
@@ -133,7 +149,7 @@ def _controls(descriptor: int) -> bool:
 
 
 def _write_little(descriptor: int, data: bytearray) -> int:
-    """Writes to a pipe what it takes at once where it takes any; BlockingIOError: it takes none."""
+    """Writes to a pipe or socket what it takes at once; BlockingIOError: it takes nothing."""
     poll = select.poll()
     poll.register(descriptor, select.POLLOUT)
     if not poll.poll(0):
@@ -141,22 +157,12 @@ def _write_little(descriptor: int, data: bytearray) -> int:
     return os.write(descriptor, data[: select.PIPE_BUF])
 
 
-_outlets: WeakKeyDictionary[TextIO, Outlet] = WeakKeyDictionary()
-
-
-def outlet_of(stream: TextIO) -> Outlet:
-    """The one outlet of a stream, however many write there."""
-    outlet = _outlets.get(stream)
-    if outlet is None:
-        outlet = _outlets[stream] = Outlet(stream)
-    return outlet
-
-
 @atexit.register
 def _drain() -> None:
     for outlet in [*_outlets.values()]:
-        with suppress(OSError, ValueError):  # its stream may be closed
-            outlet.drain(max(min(LAST_S, left_s()), POLL_S))
+        with suppress(OSError, ValueError):  # its reader, or the stream, may be gone
+            if outlet is not None:
+                outlet.drain()
 
 
 # What waits is the parent's, and a fork closes what it does not know.
@@ -175,6 +181,8 @@ def has_ended(thread: threading.Thread, wait_s: float) -> bool:
 class BackgroundWriter:
     """A thread that brings something to a disk, in order, so that nobody waits for the disk.
 
+    Its methods may be called by any thread, and a signal in the midst of one costs nothing else.
+
     Args:
         what: it is, for people.
         say: takes a line about a disk that hangs; any thread.
@@ -182,11 +190,11 @@ class BackgroundWriter:
 
     def __init__(self, what: str, say: Callable[[str], None]) -> None:
         self._what, self._say = what, say
-        self._pending: deque[Callable[[], None]] = deque()
+        self._pending: SimpleQueue[Callable[[], None] | None] = SimpleQueue()
         self._begun_s: float | None = None
         self._told = self._closed = False
         self._left_out = 0
-        self._changed = threading.Condition()
+        self._starting = threading.Lock()
         self._thread: threading.Thread | None = None
 
     def do(self, write: Callable[[], None]) -> None:
@@ -194,53 +202,58 @@ class BackgroundWriter:
 
         Where too much waits it is left out, which is told when the disk takes more.
         """
-        with self._changed:
-            if self._thread is None:
-                self._thread = threading.Thread(target=self._run, name="vsense-writer", daemon=True)
-                self._thread.start()
-            if len(self._pending) < MOST_WRITES and not self._closed:
-                self._pending.append(write)
-                self._changed.notify()
-            else:
-                self._left_out += 1
-            hung_s = 0.0 if self._begun_s is None else time.monotonic() - self._begun_s
-            tell = hung_s > HUNG_S and not self._told
-            self._told |= tell
-        if tell:
+        if self._closed or self._pending.qsize() >= MOST_WRITES:
+            self._left_out += 1
+        else:
+            self._put(write)
+        begun_s = self._begun_s
+        hung_s = 0.0 if begun_s is None else time.monotonic() - begun_s
+        if hung_s > HUNG_S and not self._told:
+            self._told = True
             self._say(f"the disk does not answer for {hung_s:.1f} s: {self._what} waits in memory")
 
     @property
     def idle(self) -> bool:
         """Whether nothing waits."""
-        return self._begun_s is None and not self._pending
+        return self._begun_s is None and self._pending.empty()
 
-    def close(self, wait_s: float = CLOSE_S) -> None:
-        """Waits until all is written, as `has_ended` does."""
-        with self._changed:
+    def close(self, last: Callable[[], None] | None = None, wait_s: float = CLOSE_S) -> None:
+        """Has `last` called, and waits until all is written, as `has_ended` does."""
+        if not self._closed:
             self._closed = True
-            self._changed.notify()
+            if last is not None:
+                self._put(last)
+            self._pending.put(None)
         if self._thread is not None and not has_ended(self._thread, wait_s):
             text = f"the disk does not answer: the last of {self._what}"
             self._say(f"{text} is lost if this process ends before")
 
+    def _put(self, write: Callable[[], None]) -> None:
+        self._pending.put(write)
+        if self._thread is None:
+            with self._starting:
+                if self._thread is None:
+                    run = threading.Thread(target=self._run, name="vsense-writer", daemon=True)
+                    run.start()
+                    self._thread = run
+
     def _run(self) -> None:
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._pending or self._closed)
-                if not self._pending:
-                    return
-                self._begun_s = time.monotonic()
-                write = self._pending.popleft()
+        while (write := self._pending.get()) is not None:
+            self._begun_s = time.monotonic()
             try:
                 write()
             except Exception as error:
                 self._say(f"{self._what}: not all of it is written: {error!r}")
-            with self._changed:
-                self._begun_s = None
-                over = self._told and not self._pending
-                left_out = self._left_out if over else 0
-                if over:
-                    self._told, self._left_out = False, 0
-            if over:
-                lost = f"{left_out} parts are" if left_out else "nothing is"
-                self._say(f"the disk answers again: {lost} lost of {self._what}")
+            self._begun_s = None
+            if self._pending.empty():
+                self._say_lost()
+        self._say_lost()
+
+    def _say_lost(self) -> None:
+        """Says what was left out, and that a disk answers which did not."""
+        left_out, self._left_out = self._left_out, 0
+        if left_out:
+            self._say(f"{left_out} parts of {self._what} are lost: the disk was too slow for them")
+        elif self._told:
+            self._say(f"the disk answers again: nothing is lost of {self._what}")
+        self._told = False

@@ -219,8 +219,7 @@ class RunLog(Console):
         return self
 
     def __exit__(self, *exception: object) -> None:
-        self._writer.do(partial(self._write, "", close=True))
-        self._writer.close()
+        self._writer.close(partial(self._write, "", close=True))
 
     def say(self, text: str, level: Level = "info") -> None:
         """Prints a message of its own, and notes it with the time of day."""

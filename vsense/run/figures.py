@@ -129,9 +129,7 @@ class Figures:
                 # Lent pictures go back during a pause.
                 del step
         finally:
-            if tables is not None:
-                writer.do(tables.close)
-            writer.close()
+            writer.close(None if tables is None else tables.close)
 
     def observe(self, step: Step, robots: Mapping[int, RobotStatus]) -> TimestepSample:
         """Counts a timestep; `robots` are the links' statuses by tag."""

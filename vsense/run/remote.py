@@ -21,6 +21,7 @@ from itertools import accumulate
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base import interruption
 from vsense.base.arena import ArenaState, Floats
 from vsense.base.readings import SensorReadings, SwarmReadings, TimedReadings
 from vsense.config.specs import ControllerSpec, Experiment
@@ -149,8 +150,10 @@ def _limited(programs: Programs) -> Iterator[None]:
     try:
         yield
     finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)
         signal.setitimer(signal.ITIMER_REAL, *timer)
+        interruption.look()  # a signal may have come
 
 
 class RemoteSwarm:

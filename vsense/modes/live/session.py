@@ -186,7 +186,7 @@ class ExperimentSession(ABC):
             setup.interrupted.set,
         )
         RunSteering(room, scene, self.environment, server, runtime, control, callbacks).open()
-        self._stack.enter_context(CallWatchdog(lambda text: self._say(text, "trouble")))
+        self._stack.enter_context(CallWatchdog(lambda text: setup.console.say(text, "trouble")))
         return runtime
 
     def _scene(

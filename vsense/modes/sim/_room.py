@@ -19,6 +19,7 @@ from typing import Any
 
 from vsense.base.clock import host_ns
 from vsense.base.errors import Interrupted, VsenseError
+from vsense.base.interruption import left_s
 from vsense.base.message_bus import Message
 from vsense.config.specs import Experiment
 from vsense.modes.sim._paced import ANSWER, SLOWEST, TOLD, UNLIMITED_SPEED
@@ -331,7 +332,7 @@ class WatchedRuns:
             with suppress(OrderError):  # it may listen when this is called again
                 self._room.stop()
                 self._stopped = True
-        return time.monotonic() - self._asked_s > SAVE_TIMEOUT_S
+        return time.monotonic() - self._asked_s > SAVE_TIMEOUT_S or left_s() == 0.0
 
     def rest(self, idle: Callable[[], None]) -> bool:
         """Waits after a run until another one is wanted; False where a signal ends everything.

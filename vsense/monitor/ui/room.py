@@ -18,7 +18,7 @@ from vsense.base.errors import UsageError, VsenseError
 from vsense.base.files import free_bytes
 from vsense.base.message_bus import MessageBus
 from vsense.base.terminal import Console, Level
-from vsense.base.writing import BackgroundWriter
+from vsense.base.writing import HUNG_S, BackgroundWriter
 from vsense.monitor import recording
 from vsense.monitor.recording.form import Data
 from vsense.monitor.ui import keyboard
@@ -147,7 +147,7 @@ class ControlRoom:
         # Its log says when a disk does not answer.
         self._disk = BackgroundWriter("", lambda text: None)
         self._disk_free_bytes: int | None = None
-        self._stack.callback(self._disk.close, 0.0)
+        self._stack.callback(self._disk.close, wait_s=HUNG_S)
         console.repeat_to(self._publish_event)
 
     def __enter__(self) -> ControlRoom:
