@@ -123,6 +123,24 @@ def test_full_trace_delays_nothing(rigs: Callable[..., Rig], tmp_path: Path) -> 
     os.close(reader)
 
 
+def test_a_trace_goes_on_when_it_can_be_written_again(
+    rigs: Callable[..., Rig], tmp_path: Path
+) -> None:
+    """As when a full disk has been cleared; half a line of a broken pipe may stand before."""
+    path = tmp_path / "trace"
+    os.mkfifo(path)
+    reader = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    rig = rigs("--trace", str(path))
+    rig.start()
+    rig.run()
+    os.close(reader)
+    wait_said(rig, 1, "trace: steps are missing, errno 32")
+    reader = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    rig.run()
+    rig.wait_for(lambda: b"step " in os.read(reader, 1 << 16), "steps")
+    os.close(reader)
+
+
 def test_child_of_a_controller_holds_neither_guard_nor_base(probes: Callable[..., Rig]) -> None:
     rig = probes(params="child=1\n")
     guard = rig.daemon.guard
