@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.clock import pace
-from vsense.base.files import log_ends
+from vsense.base.files import cut_log, log_ends
 from vsense.base.processes import Lifeline, describe_exit, terminate
 from vsense.base.shared import LabError, file_errors
 from vsense.config.specs import Experiment
@@ -170,9 +170,14 @@ class LabSwarm:
         return list(said)
 
     def fallen(self) -> list[tuple[LabRobot, str]]:
-        """Daemons that have ended since the last call, and how."""
+        """Daemons that have ended since the last call, and how; keeps their logs in bounds.
+
+        LabError: a log that is too long cannot be cut.
+        """
         ended = []
         for robot in self.robots:
+            with file_errors(self.log(robot.tag)):
+                cut_log(self.log(robot.tag))
             process = self._processes.get(robot.tag)
             if process is not None and process.poll() is not None:
                 del self._processes[robot.tag]
