@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import io
 import json
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import cast
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
 from vsense.base.errors import VsenseError
+from vsense.base.terminal import Console
 from vsense.modes._several import Series
+from vsense.modes.sim.experiment import _SingleRun
+from vsense.modes.sim.outcome import SimulatedRunError
 from vsense.run.control import Control, State
 from vsense.run.directory import DirectoryError
 from vsense.run.orders import Order, OrderKind
@@ -87,3 +92,16 @@ def test_the_first_failure_is_the_one_that_is_raised(tmp_path: Path) -> None:
     assert len(said) == 1 and "series.json: No such file" in said[0]
     with pytest.raises(DirectoryError, match=r"series\.json"):
         made.end(None, False)
+
+
+def test_a_simulation_that_fails_on_a_full_disk_tells_what_has_failed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said = io.StringIO()
+    nothing = cast(Any, None)
+    job = cast(Any, SimpleNamespace(directory=str(tmp_path / "gone")))
+    runs = _SingleRun(nothing, nothing, nothing, Console(said))
+    monkeypatch.setattr(_SingleRun, "_summary", lambda self, job, result: {"run": 1})
+    error = SimulatedRunError("mine.c fails", 1, nothing, {})
+    assert runs._report_failure(job, error) == [{"run": 1}], "and raises nothing in its place"
+    assert "summary.json: No such file" in said.getvalue()
