@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from vsense.base.interruption import left_s
 from vsense.base.shared import LabError
 from vsense.modes.lab._microcontrollers import read_actuations
 from vsense.modes.lab._swarm import LabRobot, last_traced, read_trace
@@ -61,7 +62,8 @@ class RunLogs:
         return words
 
     def _read_truth(self, last: int) -> NDArray[np.void]:
-        until_s = time.monotonic() + _WAIT_S
+        # After SIGTERM most of the time is the figures'.
+        until_s = time.monotonic() + min(_WAIT_S, left_s() / 4.0)
         while True:
             truth = read_truth(self._truth, self._sizes.get(self._truth, 0))
             if (len(truth) and truth["timestep"][-1] >= last) or time.monotonic() > until_s:
