@@ -97,6 +97,15 @@ void vs_posix_keep_from_children(int fd)
     fcntl(fd, F_SETFD, FD_CLOEXEC);
 }
 
+void vs_posix_close_kept(void)
+{
+    int fd;
+
+    for (fd = STDERR_FILENO + 1; fd < DESCRIPTORS; fd++)
+        if (fcntl(fd, F_GETFD) == FD_CLOEXEC)
+            close(fd);
+}
+
 void vs_posix_close_but(int one, int other)
 {
     int fd;

@@ -39,6 +39,9 @@ int vs_posix_timeout_ms(uint64_t now_ns, uint64_t deadline_ns);
 /* Closes fd in whatever program a child of this process becomes. */
 void vs_posix_keep_from_children(int fd);
 
+/* Closes all such descriptors, in a child that becomes no other program. */
+void vs_posix_close_kept(void);
+
 /* Closes all descriptors of this process but 0 to 2 and these two (-1: none). */
 void vs_posix_close_but(int one, int other);
 

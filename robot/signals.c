@@ -5,6 +5,7 @@
 #include <fcntl.h>
 #include <signal.h>
 #include <stddef.h>
+#include <sys/prctl.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
@@ -127,4 +128,19 @@ long vs_signals_fork(int *socket)
 void vs_signals_unblock(void)
 {
     mask(SIG_UNBLOCK);
+}
+
+int vs_controller_fork(void)
+{
+    pid_t parent = getpid();
+    pid_t pid = fork();
+
+    if (pid != 0)
+        return (int)pid;
+    vs_posix_close_kept();
+    handle_endings(SIG_DFL);
+    prctl(PR_SET_PDEATHSIG, (unsigned long)SIGKILL);
+    if (getppid() != parent)
+        _exit(0);
+    return 0;
 }

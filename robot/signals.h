@@ -29,4 +29,9 @@ void vs_signals_may_sleep(void);
 long vs_signals_fork(int *socket);
 void vs_signals_unblock(void);
 
+/* A controller's fork(): its compiler is told to call it so (vsense/robots/compiling.py). The
+ * child has nothing of the daemon's, neither descriptors nor ways to deal with signals, and ends
+ * with its parent: what it held open, no other daemon could have. */
+int vs_controller_fork(void);
+
 #endif

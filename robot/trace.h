@@ -22,7 +22,7 @@
 int vs_trace_open(const char *path);
 
 /* Appends the loop's newest step. Returns 0; 1: dropped, the file takes nothing now;
- * -1 with errno set. */
+ * -1 with errno set: of the line a part may be there, without an end. */
 int vs_trace_step(int fd, const struct vs_loop *loop);
 
 #endif

@@ -154,14 +154,10 @@ static void trace(struct vs_worker *w)
 {
     int err = vs_trace_step(w->trace_fd, &w->loop);
 
-    if (err < 0) {
-        vs_report("trace ends: cannot write it: %s", vs_trouble(errno));
-        close(w->trace_fd);
-        w->trace_fd = -1;
-    } else if (err > 0 && !w->trace_full) {
-        vs_report("trace: steps are missing, its reader is too slow");
-    }
-    w->trace_full = err > 0;
+    if (err != 0 && !w->trace_full)
+        vs_report("trace: steps are missing, %s",
+                  err < 0 ? vs_trouble(errno) : "its reader is too slow");
+    w->trace_full = err != 0;
 }
 
 static void on_reply(struct vs_worker *w, const struct vs_guard_reply *reply)

@@ -15,6 +15,8 @@ from hypothesis import strategies as st
 from vsense.base.errors import VsenseError
 from vsense.base.files import (
     LOG_END_BYTES,
+    MOST_LOG_BYTES,
+    cut_log,
     log_ends,
     parse_json,
     read_bytes,
@@ -149,3 +151,21 @@ def test_of_a_log_without_end_its_ends_are_read_in_whole_lines(tmp_path: Path) -
     assert sum(map(len, lines)) < 2 * LOG_END_BYTES
     log.write_text("began\nkilled")
     assert log_ends(log) == "began\nkilled"
+
+
+def test_a_log_without_end_keeps_its_beginning_and_what_came_last(tmp_path: Path) -> None:
+    """A controller that printed in a loop made 810 MB in half a minute."""
+    path = tmp_path / "31.log"
+    cut_log(path)
+    with path.open("ab", buffering=0) as robot:
+        robot.write(b"began\n")
+        cut_log(path)
+        assert path.read_bytes() == b"began\n"
+        for _ in range(5):
+            robot.write(b"again\n" * (MOST_LOG_BYTES // 12))
+            cut_log(path)
+            assert path.stat().st_size <= MOST_LOG_BYTES
+        robot.write(b"killed\n")
+    text = path.read_bytes()
+    assert text.startswith(b"began\n") and text.endswith(b"again\nkilled\n")
+    assert text.count(b"vsense: here lines are cut out: more than 16 MB were printed\n") == 1

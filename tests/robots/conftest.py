@@ -18,7 +18,7 @@ from tests.rigs import compiling
 from tests.rigs.places import ROOT
 from tests.robots.rig import TABLE, Rig
 from tests.robots.rosters import FAKE_DAEMON, SSH, write_program
-from vsense.robots.compiling import HOST_FLAGS, native
+from vsense.robots.compiling import HELPERS, HOST_FLAGS, native
 from vsense.robots.link.table import Direction, Entry, Table
 
 STRICT = ["-std=c99", "-D_POSIX_C_SOURCE=200809L", *compiling.STRICT]
@@ -68,8 +68,9 @@ class Builder:
         shipped = [*ROOT.glob("c_src/*.c"), *ROOT.glob("robot/*.c")]
         flags = [*FLAGS, *(word for word in more if not word.startswith("-Wl,"))]
         objects = self.objects([p for p in shipped if p.name not in left_out], flags)
-        sources = [*left_out.values(), controller]
-        compiling.compiled(target, *FLAGS, *sources, *objects, "-lm", *more)
+        begun = target.with_suffix(".o")
+        compiling.compiled(begun, *flags, *HELPERS, "-c", controller)
+        compiling.compiled(target, *FLAGS, *left_out.values(), begun, *objects, "-lm", *more)
         return target
 
     def objects(self, sources: Sequence[Path], flags: Sequence[str] = FLAGS) -> list[Path]:

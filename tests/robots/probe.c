@@ -25,6 +25,17 @@ struct probe {
     int talk;
 };
 
+/* A child that becomes no other program, and has a file of its own; what its parent says of it. */
+static void help(void)
+{
+    FILE *file = fopen("/dev/null", "r");
+    pid_t pid = fork();
+
+    while (pid == 0 && file != NULL && fgetc(file) == EOF)
+        (void)poll(NULL, 0, GAP_MS);
+    fprintf(stderr, "helper %ld\n", (long)pid);
+}
+
 static void init(void *state, struct vs_robot *robot)
 {
     struct probe *probe = state;
@@ -33,6 +44,8 @@ static void init(void *state, struct vs_robot *robot)
     probe->talk = vs_robot_param(robot, "talk", 0) > 0;
     if (vs_robot_param(robot, "child", 0) > 0 && system("sleep 5 >/dev/null 2>&1 &") != 0)
         abort();
+    if (vs_robot_param(robot, "helper", 0) > 0)
+        help();
 }
 
 /* Shows its steps, and logs a line in the first three. */

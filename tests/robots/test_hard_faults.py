@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import re
 import signal
 from collections.abc import Callable
 from pathlib import Path
@@ -123,6 +124,24 @@ def test_full_trace_delays_nothing(rigs: Callable[..., Rig], tmp_path: Path) -> 
     os.close(reader)
 
 
+def test_a_trace_goes_on_when_it_can_be_written_again(
+    rigs: Callable[..., Rig], tmp_path: Path
+) -> None:
+    """As when a full disk has been cleared; half a line of a broken pipe may stand before."""
+    path = tmp_path / "trace"
+    os.mkfifo(path)
+    reader = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    rig = rigs("--trace", str(path))
+    rig.start()
+    rig.run()
+    os.close(reader)
+    wait_said(rig, 1, "trace: steps are missing, errno 32")
+    reader = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    rig.run()
+    rig.wait_for(lambda: b"step " in os.read(reader, 1 << 16), "steps")
+    os.close(reader)
+
+
 def test_child_of_a_controller_holds_neither_guard_nor_base(probes: Callable[..., Rig]) -> None:
     rig = probes(params="child=1\n")
     guard = rig.daemon.guard
@@ -132,6 +151,35 @@ def test_child_of_a_controller_holds_neither_guard_nor_base(probes: Callable[...
     rig.host.params = ""
     rig.start()
     rig.run()
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_a_controllers_helper_holds_nothing_and_goes_with_it(
+    probes: Callable[..., Rig], number: signal.Signals
+) -> None:
+    """It became no other program: with base and sockets open, no other daemon came to the base."""
+    rig = probes(params="helper=1\n")
+    helper = int(re.findall(r"helper (\d+)", rig.daemon.said)[0])
+    held = [os.readlink(path) for path in Path(f"/proc/{helper}/fd").iterdir()]
+    assert rig.device not in held and not any(name.startswith("socket:") for name in held)
+    assert "/dev/null" in held
+    guard = rig.daemon.guard
+    os.kill(rig.daemon.process.pid, number)
+    rig.wait_for(lambda: not is_alive(helper), "the helper's end", 3)
+    rig.wait_for(lambda: not is_alive(guard), "the guard's end", 3)
+    rig.host.params = ""
+    rig.start()
+    rig.run()
+
+
+def test_a_controllers_helper_that_is_asked_to_end_ends_alone(probes: Callable[..., Rig]) -> None:
+    """It had the daemon's handlers, and told the daemon to end."""
+    rig = probes(params="helper=1\n")
+    helper = int(re.findall(r"helper (\d+)", rig.daemon.said)[0])
+    os.kill(helper, signal.SIGTERM)
+    rig.wait_for(lambda: Path(f"/proc/{helper}/status").read_text().count("(zombie)"), "its end", 3)
+    rig.run()
+    assert rig.daemon.process.poll() is None
 
 
 def test_no_second_guard_can_be_forked(

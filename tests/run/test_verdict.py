@@ -74,6 +74,7 @@ RUNS: list[tuple[dict[str, Any], VoidCriteria, str, str]] = [
     ({"failed": ["x"]}, NO_PLAN, "failed in mid-run: x", ""),
     ({"failed": ["x"], "ended": "failed"}, NO_PLAN, "failed in mid-run: x", ""),
     ({"failed": ["x"], "timesteps": False}, NO_PLAN, "nothing was measured: x", ""),
+    ({"unlogged": ["x"]}, LENIENT, "its figures are not of all of it: its logs lack x", ""),
     ({"complaints": ["mine asks for x"]}, NO_PLAN, "", "mine asks for x"),
 ]
 

@@ -32,6 +32,9 @@ MOST_TABLE_BYTES = 256 << 20
 LOG_END_BYTES = 64 << 10
 """So much is read of either end of a log."""
 
+MOST_LOG_BYTES = 16 << 20
+"""A log that is longer is cut."""
+
 _KINDS = {
     stat.S_IFIFO: "is a pipe",
     stat.S_IFCHR: "is a device",
@@ -140,6 +143,22 @@ def log_ends(path: Path) -> str:
         newest = file.read(LOG_END_BYTES)
     whole = begun[: begun.rfind(b"\n") + 1] + newest[newest.find(b"\n") + 1 :]
     return whole.decode(errors="replace")
+
+
+def cut_log(path: Path) -> None:
+    """Cuts the middle out of the log of a program that prints without end, and says so there.
+
+    Whoever appends to it goes on at its end. OSError: it cannot be cut.
+    """
+    if not os.path.isfile(path) or os.path.getsize(path) <= MOST_LOG_BYTES:
+        return
+    words = f"vsense: here lines are cut out: more than {MOST_LOG_BYTES >> 20} MB were printed"
+    with path.open("rb+") as file:
+        file.seek(-LOG_END_BYTES, os.SEEK_END)
+        newest = file.read()
+        file.truncate(MOST_LOG_BYTES // 2)
+    with path.open("ab") as file:
+        file.write(b"\n%s\n%s" % (words.encode(), newest[newest.find(b"\n") + 1 :]))
 
 
 def stamp_of(path: Path) -> tuple[int, ...]:

@@ -47,10 +47,15 @@ def file_errors(name: object) -> Iterator[None]:
         raise LabError(f"{name}: {error.strerror}") from None
 
 
-class LogFile:
-    """Grows by whole records; where the disk is full it ends, is told, and the run goes on.
+RETRY_APPENDS = 10
+"""A full disk is tried again with every tenth of the records that come."""
 
-    Nobody waits for the disk but `close`, for a while.
+
+class LogFile:
+    """Grows by whole records.
+
+    What a full disk does not take is left out, which is told; the run goes on, and so does the file
+    when there is room again. Nobody waits for the disk but `close`, for a while.
     """
 
     def __init__(self, path: Path, kind: str = "") -> None:
@@ -59,7 +64,7 @@ class LogFile:
         `kind` says what it is, to people.
         """
         self._name = f"{kind} {path}".strip()
-        self._length = 0
+        self._length = self._left_out = 0
         with file_errors(self._name):
             flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC
             self._descriptor: int | None = os.open(path, flags, 0o644)
@@ -72,18 +77,31 @@ class LogFile:
     def _append(self, records: bytes) -> None:
         if self._descriptor is None:
             return
-        view = memoryview(records)
+        if self._left_out % RETRY_APPENDS:
+            self._left_out += 1
+            return
         try:
-            while view:
-                view = view[os.write(self._descriptor, view) :]
+            self._write(self._descriptor, memoryview(records))
         except OSError as error:
             with suppress(OSError):  # at worst half a record stays, which readers leave out
                 os.ftruncate(self._descriptor, self._length)
-            self._end()
-            words = "it ends here, and the run goes on"
-            Console().say(f"{self._name}: {error.strerror}: {words}")
+            if not self._left_out:
+                self._tell(f"{error.strerror}: it lacks what comes now, and the run goes on")
+            self._left_out += 1
         else:
+            if self._left_out:
+                self._tell("there is room again: it goes on, and has a gap")
             self._length += len(records)
+            self._left_out = 0
+
+    def _write(self, descriptor: int, view: memoryview) -> None:
+        end = self._length
+        while view:
+            written = os.pwrite(descriptor, view, end)
+            view, end = view[written:], end + written
+
+    def _tell(self, words: str) -> None:
+        Console().say(f"{self._name}: {words}")
 
     def close(self) -> None:
         """Ends the file; can be called again."""

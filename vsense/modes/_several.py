@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from vsense.base.errors import failing_as
+from vsense.base.errors import VsenseError, failing_as
+from vsense.base.terminal import Level, print_data
 from vsense.run import directory as run_directory
 from vsense.run.control import Control, State
 from vsense.run.runner import Runner
@@ -17,45 +19,110 @@ class Series:
     """The runs of one process.
 
     Args:
+        name: of what is run.
         directory: of all runs, exists.
         runs: so many follow by themselves.
         holds: after them, or after a stop, an order may begin another.
         interrupted: set to end the process.
+        say: takes a line for people.
 
     Attributes:
         several: there may be more than one run, and each has a directory of its own. If one run
             was planned, only those after a reset have.
+        summaries: the figures of the runs so far.
     """
 
     def __init__(
-        self, directory: Path, runs: int, holds: bool, interrupted: threading.Event
+        self,
+        name: str,
+        directory: Path,
+        runs: int,
+        holds: bool,
+        interrupted: threading.Event,
+        say: Callable[[str, Level], None],
     ) -> None:
         self.several = holds or runs > 1
-        self._directory = directory
+        self.summaries: list[Mapping[str, Any]] = []
+        self._name, self._directory = name, directory
         self._runs = runs
         self._holds = holds
-        self._interrupted = interrupted
+        self._interrupted, self._say = interrupted, say
+        self._made: tuple[int, Path] | None = None
+        self._unwritten: VsenseError | None = None
 
     def directory(self, number: int) -> Path:
         """Makes the directory of a run, numbered from 1; DirectoryError if it cannot be made."""
         self.several |= number > 1
         if not self.several:
             return self._directory
-        directory = self._directory / f"run-{number}"
-        with failing_as(run_directory.DirectoryError, f"cannot make {directory}"):
-            directory.mkdir()
-        return directory
+        if self._made is None or self._made[0] != number:
+            directory = self._directory / f"run-{number}"
+            with failing_as(run_directory.DirectoryError, f"cannot make {directory}"):
+                directory.mkdir()
+            self._made = number, directory
+        return self._made[1]
 
-    def write_summary(
-        self, name: str, summaries: Sequence[Mapping[str, Any]], on_stdout: bool
-    ) -> None:
-        """Writes the figures of all runs where there may be several, and prints them if wanted."""
+    def add(self, summary: Mapping[str, Any]) -> None:
+        """Takes the figures of a run; where there may be several, those of all are written."""
+        self.summaries.append(summary)
         if self.several:
-            figures = {"experiment": name, "runs": list(summaries)}
-            run_directory.write_summary(self._directory, figures, on_stdout, run_directory.SERIES)
+            try:
+                run_directory.write_summary(
+                    self._directory, self._figures(), False, run_directory.SERIES
+                )
+                self._unwritten = None
+            except run_directory.DirectoryError as error:
+                self._unwritten = error
+
+    def end(self, failure: VsenseError | None, on_stdout: bool) -> None:
+        """There are no more runs: prints the figures of all if they are wanted.
+
+        Raises:
+            VsenseError: `failure`, what has ended the runs; or the figures cannot be written.
+        """
+        try:
+            if on_stdout and (self.several or self.summaries):
+                figures = self._figures() if self.several else self.summaries[0]
+                print_data(json.dumps(figures, indent=2))
+        except VsenseError as error:
+            self._unwritten = self._unwritten or error
+        if failure is not None and self._unwritten is not None:
+            self._say(f"vsense: {self._unwritten}", "trouble")
+        if failure := failure or self._unwritten:
+            raise failure
+
+    def _figures(self) -> dict[str, Any]:
+        return {"experiment": self._name, "runs": self.summaries}
 
     def goes_on(self, runner: Runner) -> bool:
-        """Whether another run follows; may run on until an order wants one."""
+        """Whether another run follows, which has its directory; may run on until an order wants
+        one.
+
+        DirectoryError if a run that nobody has ordered cannot have one.
+        """
+        wanted = self._wants_another(runner)
+        if wanted and not (self._holds or runner.control.next_asked):
+            self.directory(runner.control.run + 1)
+            return True
+        while wanted and not self.prepares_next(runner.control):
+            wanted = runner.rest()
+        return wanted
+
+    def prepares_next(self, control: Control) -> bool:
+        """Makes the directory of the next run; a run that cannot have one is not wanted any more,
+        and people are told."""
+        try:
+            self.directory(control.run + 1)
+        except run_directory.DirectoryError as error:
+            control.drop_next()
+            text = (
+                f"run {control.run + 1} cannot begin: {error}; when there is room, order it again"
+            )
+            self._say(text, "trouble")
+            return False
+        return True
+
+    def _wants_another(self, runner: Runner) -> bool:
         control = runner.control
         if self._interrupted.is_set():
             return False

@@ -32,6 +32,7 @@ from vsense.robots.compiling import (
     CFLAGS,
     CXX_LIBRARIES,
     CXXFLAGS,
+    HELPERS,
     BuildError,
     Sources,
     native,
@@ -158,9 +159,9 @@ class SourceTree:
         """What a daemon with this controller is made of; `plain`: see `Sources`."""
         memory = sorted((self.root / "robot").glob("*.cpp"))
         own_cxx, folder = [*memory, *self._argos(program)], _cache_for(program)
-        return Sources(
-            self.daemon_sources(), program, self.includes(), own_cxx, FAST_PARTS, folder, plain
-        )
+        ours, fast = self.daemon_sources(), FAST_PARTS
+        made = Sources(ours, program, self.includes(), own_cxx, fast, folder, plain)
+        return replace(made, words=HELPERS)
 
     def runtime(self, program: ProgramSources) -> Sources:
         """What the robots of a simulation with this controller are made of."""

@@ -30,6 +30,9 @@ HOST_FLAGS = ("-DVSENSED_SLOW_CLOCK", DRIVERS)
 CFLAGS = ("-std=c99", "-D_POSIX_C_SOURCE=200809L", *SECTIONS, "-ffp-contract=off")
 """No machine fuses two roundings into one: a policy gives the same bits on all of them."""
 
+HELPERS = ("-Dfork=vs_controller_fork",)
+"""Of a daemon's controller: a child that it makes must not hold what the daemon has open."""
+
 PLAIN = ("-fno-exceptions", "-fno-rtti")
 
 CXXFLAGS = ("-std=c++17", *SECTIONS, *PLAIN, "-fno-threadsafe-statics")
@@ -124,6 +127,7 @@ class Sources:
             for other code.
         plain: code for ARGoS is compiled without exceptions and types at run time if it uses none.
         what: what the program is, as messages call it.
+        words: what the compiler is told of the program beside the flags of all.
     """
 
     own: Sequence[Path]
@@ -134,6 +138,7 @@ class Sources:
     cache: Path | None = None
     plain: bool = False
     what: str = "controller"
+    words: Sequence[str] = ()
 
     def link(self, toolchain: Toolchain, target: Path, flags: Sequence[str] = ()) -> None:
         """Compiles and links everything and moves it into place whole.
@@ -186,7 +191,7 @@ class Sources:
             from vsense.robots.policy import write_c  # with NumPy, which setup.py has none of
 
             source = write_c(source, target.with_suffix(".c"))
-        flags = [*toolchain.debug, *(flag for flag in flags if flag.startswith("-f"))]
+        flags = [*toolchain.debug, *self.words, *(f for f in flags if f.startswith("-f"))]
         self.compile(toolchain, source, target, flags)
         if words := _compiled.fault(target, source):
             raise BuildError(words)
@@ -204,7 +209,7 @@ class Sources:
             number, source = numbered
             target = output.with_name(f"{output.name}_{source.stem}-{number}.o")
             language, after = self._language(source, ours)
-            after = [*after, *compiler.debug]
+            after = [*after, *compiler.debug, *self.words]
             words = [*compiler.command, *compiler.flags, *language, *after, *flags]
             cached = self._cached_path(source, [version, *words])
             if cached is not None and os.path.isfile(cached):

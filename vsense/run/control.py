@@ -319,6 +319,11 @@ class Control:
             if self.state in (*BEFORE_RUN, *DURING, *HOMING):
                 self.state, self.why, self._asked = State.ENDED, why, False
 
+    def drop_next(self) -> None:
+        """The next run cannot begin: it has to be ordered again."""
+        with self._lock:
+            self.next_asked = self._asked = False
+
     def next_run(self) -> None:
         """Goes back to before the start, of the run after this one."""
         with self._lock:

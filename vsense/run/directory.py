@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TextIO
 
 from vsense.base.errors import VsenseError, failing_as
+from vsense.base.files import replace_text
 from vsense.base.terminal import Console, Level, print_data, printable_lines
 from vsense.base.writing import BackgroundWriter
 
@@ -74,7 +75,7 @@ def make_new(wanted: Path) -> Path:
 def write_summary(
     directory: Path, summary: Mapping[str, object], on_stdout: bool, name: str = SUMMARY
 ) -> None:
-    """Writes figures, and prints them if wanted.
+    """Writes figures, and prints them if wanted; a full disk leaves those that were there.
 
     Raises:
         DirectoryError: the file cannot be written.
@@ -83,7 +84,7 @@ def write_summary(
     text = json.dumps(summary, indent=2)
     try:
         with failing_as(DirectoryError, str(directory / name)):
-            (directory / name).write_text(f"{text}\n")
+            replace_text(directory / name, f"{text}\n")
     finally:
         if on_stdout:
             print_data(text)

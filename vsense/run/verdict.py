@@ -18,6 +18,7 @@ A run is valid only if it was the run that its file describes. One function deci
 | a robot stood because no camera saw it, or for the fence | valid, with a note, unless a plan has a limit |
 | more than `MOST_LATE` of its timesteps were left out | invalid, unless a plan has a limit of late ones |
 | more than `MOST_LATE` of its timesteps were late | valid, with a note, unless a plan has a limit |
+| logs that its figures are made of are not whole: the disk was full | invalid |
 | a robot was moved by hand | valid, unless a plan has a limit |
 | the check of its links has found a weak one | valid, with a note |
 | somebody has changed its world by hand, a controller has complained | valid, with a note |
@@ -136,6 +137,7 @@ class RunRecord:
         complaints: of controllers, in words.
         failed: which controllers have failed, whose robots stood from then on, and why.
         link_check: which links were weak before the run, in words.
+        unlogged: what the logs lack that its figures are made of, in words.
     """
 
     ended: str = "time"
@@ -150,6 +152,7 @@ class RunRecord:
     complaints: Sequence[str] = ()
     failed: Sequence[str] = ()
     link_check: str = ""
+    unlogged: Sequence[str] = ()
 
     def judge(self, criteria: VoidCriteria) -> RunVerdict:
         """The verdict on the run."""
@@ -309,9 +312,15 @@ def _of_late(record: RunRecord, criteria: VoidCriteria) -> str:
     return f"{100 * share:.1f} % of the timesteps {words}" if share > most else ""
 
 
+def _of_logs(record: RunRecord, criteria: VoidCriteria) -> str:
+    lacking = shorten(record.unlogged)
+    return lacking and f"its figures are not of all of it: its logs lack {lacking}"
+
+
 _RULES: Sequence[Callable[[RunRecord, VoidCriteria], str]] = (
     _of_refused, _of_absent, _of_unseen, _of_readings, _of_controllers, _of_failed, _of_held,
     _of_silence, _of_starts, _of_lost, _of_moved, _of_fence, _of_late,
+    _of_logs,
 )  # fmt: skip
 
 

@@ -22,6 +22,7 @@ from hypothesis import strategies as st
 from vsense.base.native import lib
 from vsense.base.shared import LabError
 from vsense.modes.lab._microcontrollers import (
+    ACTUATION,
     Actuation,
     ActuationLog,
     Microcontrollers,
@@ -336,6 +337,7 @@ def test_a_log_cut_short_loses_its_last_record_only(tmp_path: Path) -> None:
     whole = (tmp_path / "log").read_bytes()
     (tmp_path / "log").write_bytes(whole[:-1])
     assert read_actuations(tmp_path / "log")["robot"].tolist() == [0, 1]
+    assert read_actuations(tmp_path / "log", ACTUATION.itemsize)["robot"].tolist() == [1]
 
 
 def test_a_log_that_cannot_be_written_or_read_says_so(tmp_path: Path) -> None:

@@ -15,7 +15,16 @@ from hypothesis import strategies as st
 from tests.rigs.places import ROOT
 from vsense.base.arena import wrap_angle
 from vsense.base.shared import LabError, SharedBlock
-from vsense.modes.lab.truth import TICKS, TruthLog, TruthReader, TruthWriter, make_ring, read_truth
+from vsense.modes.lab.truth import (
+    TICKS,
+    TruthLog,
+    TruthReader,
+    TruthWriter,
+    make_ring,
+    read_truth,
+    truth_at,
+    truth_dtype,
+)
 
 WRITER = """
 import sys
@@ -168,6 +177,25 @@ def test_truth_log_gives_back_every_whole_record(tmp_path_factory, seed: int, lo
     assert len(read) == (5 if lost == 0 else 4)
     for found, row in zip(read, rows):
         assert all(np.array_equal(a, b) for a, b in zip(found, row))
+
+
+def test_of_later_runs_only_their_records_are_read_up_to_the_first_that_is_lacking(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "truth.bin"
+    log = TruthLog(path, 2)
+    for timestep in (0, 1, 2, 5, 6):
+        log.append(timestep, 0, 0, 0, np.zeros((2, 3)), np.zeros(2, np.uint16))
+    log.close()
+    for number in range(5):
+        before = 16 + number * truth_dtype(2).itemsize
+        found = read_truth(path, before + 3)["timestep"].tolist()
+        assert found == [0, 1, 2, 5, 6][number:]
+    truth = read_truth(path)
+    for wanted, there in (
+        ([0, 2], [0, 2]), ([1, 2, 3, 5], [1, 2]), ([3, 5], []), ([5, 6, 7], [5, 6]), ([], []),
+    ):  # fmt: skip
+        assert truth_at(truth, np.array(wanted, np.int64))["timestep"].tolist() == there
 
 
 def test_what_is_no_truth_log_is_refused(tmp_path: Path) -> None:

@@ -261,12 +261,17 @@ class ActuationLog:
         self._file.close()
 
 
-def read_actuations(path: Path) -> NDArray[np.void]:
+def read_actuations(path: Path, offset: int = 0) -> NDArray[np.void]:
     """Reads an actuation log: (n,) `ACTUATION`; a last record cut short is left out.
+
+    Args:
+        path: of the file.
+        offset: records that end before this byte of it are left out.
 
     Raises:
         LabError: the file cannot be read.
     """
-    with file_errors(path):
-        content = path.read_bytes()
+    with file_errors(path), path.open("rb") as file:
+        file.seek(offset // ACTUATION.itemsize * ACTUATION.itemsize)
+        content = file.read()
     return np.frombuffer(content, dtype=ACTUATION, count=len(content) // ACTUATION.itemsize)

@@ -11,17 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base import clock
-from vsense.base.shared import LabError
 from vsense.base.terminal import figure, measure_rows
 from vsense.config.specs import Experiment, RobotSpec
 from vsense.modes.lab import _metrics
 from vsense.modes.lab._metrics import SwarmTruth
-from vsense.modes.lab._microcontrollers import read_actuations
 from vsense.modes.lab._reach import drawn
-from vsense.modes.lab._swarm import read_trace
 from vsense.modes.lab.hardware import report_all
 from vsense.modes.lab.session import RunNotes, Session
-from vsense.modes.lab.truth import read_truth
 from vsense.monitor.pictures import run_figure
 from vsense.robots.link.status import RING_LEDS
 from vsense.run.figures import StepTimes, late_text, link_row
@@ -35,16 +31,15 @@ JUDGED = "pollutant"
 def gather(session: Session, recording: RunNotes) -> _metrics.MeasuredRun:
     """Puts together what host, cameras, microcontrollers and daemons noted of a run.
 
-    The processes have ended, so that their files are complete.
+    All robots stand, and what the run's timesteps were is in the files.
 
     Raises:
-        LabError: a file is missing or broken.
+        LabError: a file is missing or broken, or has nothing of the run.
     """
     experiment, robots = recording.experiment, len(recording.experiment.robots)
-    times = recording.figures.steps.columns()
-    truth = _rows_of(read_truth(session.truth_log), times[0])
+    times, logs = recording.figures.steps.columns(), recording.logs
+    truth, actuations = logs.known_truth(), logs.actuations()
     steps = _timesteps(times[:, : len(truth)], truth)
-    actuations = read_actuations(session.floor.log)
     sensors = [_sensors_of(experiment, robot) for robot in experiment.robots]
     judged = [experiment.source is not None and JUDGED in names for names in sensors]
     return _metrics.MeasuredRun(
@@ -57,7 +52,7 @@ def gather(session: Session, recording: RunNotes) -> _metrics.MeasuredRun:
         truth=_swarm_truth(experiment, truth, steps, recording.samples.shares),
         object_poses=truth["poses"][:, robots:],
         traces=[
-            _within(read_trace(robot, names, JUDGED if judge else None), steps)
+            _within(logs.trace(robot, names, JUDGED if judge else None), steps)
             for robot, names, judge in zip(recording.robots, sensors, judged)
         ],
         sensing=[bool(names) for names in sensors],
@@ -109,15 +104,6 @@ def _timesteps(times: NDArray[np.int64], truth: NDArray[np.void]) -> NDArray[np.
     return steps
 
 
-def _rows_of(truth: NDArray[np.void], timesteps: NDArray[np.int64]) -> NDArray[np.void]:
-    """The truth at the timesteps that the host handled, up to where its log ends."""
-    rows = np.searchsorted(truth["timestep"], timesteps)
-    rows = rows[rows < len(truth)]
-    if not len(rows) or (truth["timestep"][rows] != timesteps[: len(rows)]).any():
-        raise LabError("the truth log does not hold the timesteps of the run")
-    return truth[rows]
-
-
 def _within(trace: NDArray[np.void], steps: NDArray[np.void]) -> NDArray[np.void]:
     """The control steps of the run's timesteps."""
     first, last = steps["timestep"][0], steps["timestep"][-1]
@@ -125,12 +111,13 @@ def _within(trace: NDArray[np.void], steps: NDArray[np.void]) -> NDArray[np.void
     return np.asarray(trace[during])
 
 
-def summarise(session: Session, number: int, measured: _metrics.MeasuredRun) -> dict[str, Any]:
-    """Gives the figures of a run, counted from 1, under the names that scripts rely on."""
-    recording = session.recordings[number - 1]
+def summarise(
+    session: Session, recording: RunNotes, measured: _metrics.MeasuredRun
+) -> dict[str, Any]:
+    """Gives the figures of the newest run under the names that scripts rely on."""
     summary = {
         "experiment": session.experiment.name,
-        "run": number,
+        "run": session.runner.control.run,
         "seed": recording.seed,
         "blind": session.setup.blind,
         "robots": len(session.experiment.robots),
@@ -157,7 +144,6 @@ def draw(session: Session, recording: RunNotes, run: _metrics.MeasuredRun, path:
     poses = np.concatenate((run.truth.poses, run.object_poses), axis=1)
     part = drawn(session.environment.world, experiment.arena, poses)
     figure = run.truth.figure(experiment, numbers, recording.samples, part)
-    recording.seen.unpack()
     cameras = len(session.cameras)
     subtitle = f"{len(run.tags)} robots seen by {cameras} cameras, seed {recording.seed}"
     run_figure.save(replace(figure, cameras=recording.seen), path, session.setup.blind, subtitle)

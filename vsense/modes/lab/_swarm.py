@@ -8,6 +8,7 @@ from __future__ import annotations
 import hashlib
 import os
 import random
+import re
 import shlex
 import struct
 import subprocess
@@ -19,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.clock import pace
-from vsense.base.files import log_ends
+from vsense.base.files import cut_log, log_ends
 from vsense.base.processes import Lifeline, describe_exit, terminate
-from vsense.base.shared import LabError
+from vsense.base.shared import LabError, file_errors
 from vsense.config.specs import Experiment
 from vsense.modes.lab._metrics import UNKNOWN_AGE
 from vsense.modes.lab.hardware import EmulatedRadio
@@ -169,9 +170,14 @@ class LabSwarm:
         return list(said)
 
     def fallen(self) -> list[tuple[LabRobot, str]]:
-        """Daemons that have ended since the last call, and how."""
+        """Daemons that have ended since the last call, and how; keeps their logs in bounds.
+
+        LabError: a log that is too long cannot be cut.
+        """
         ended = []
         for robot in self.robots:
+            with file_errors(self.log(robot.tag)):
+                cut_log(self.log(robot.tag))
             process = self._processes.get(robot.tag)
             if process is not None and process.poll() is not None:
                 del self._processes[robot.tag]
@@ -232,42 +238,71 @@ def daemons_of(experiment: Experiment) -> dict[str, Path]:
     return {c.id: build.daemon(c.program) for c in experiment.controllers if c.id in driving}
 
 
-def read_trace(robot: LabRobot, sensors: Sequence[str], judged: str | None) -> NDArray[np.void]:
+def read_trace(
+    robot: LabRobot, sensors: Sequence[str], judged: str | None, offset: int = 0
+) -> NDArray[np.void]:
     """Reads a robot's trace: (n,) TRACE; empty where the daemon never made a step.
 
-    `judged` is the one of its sensors whose value, one single, is read; None: no value is read. A
-    last line that the daemon did not finish is left out.
+    `judged` is the one of its sensors whose value, one single, is read; None: no value is read.
+    Lines that begin before byte `offset` are left out, and those that the daemon did not finish:
+    the last one, and where the disk was full.
 
     Raises:
-        LabError: a line is no trace line.
+        LabError: the file cannot be read, or a line is no trace line.
     """
     if not os.path.isfile(robot.trace):
         return np.empty(0, TRACE)
     rows = []
-    for number, line in enumerate(robot.trace.read_text().splitlines(keepends=True), 1):
-        words = line.split()
-        if line.endswith("\n") and words and words[0] == "step":
-            rows.append(_row(robot, words, sensors, judged, f"{robot.trace}:{number}"))
+    with file_errors(robot.trace), robot.trace.open("rb") as file:
+        if offset:
+            file.seek(offset - 1)
+            offset += len(file.readline()) - 1
+        for line in file:
+            if (step := _STEP.search(line)) is not None:
+                words = step[1].decode(errors="replace").split()
+                try:
+                    rows.append(_row(robot, words, sensors, judged))
+                except (KeyError, ValueError) as error:
+                    number = 1 + robot.trace.read_bytes()[:offset].count(b"\n")
+                    raise LabError(f"{robot.trace}:{number}: not a trace line: {error}") from None
+            offset += len(line)
     return np.array(rows, TRACE)
 
 
+_STEP = re.compile(rb".*(?<!time)(step \d[^#\n]*)\n")
+"""A control step in a line of a trace; before it, what a full disk took of another one."""
+_TRACE_LINE = 6144
+"""The longest, in bytes."""
+
+
+def last_traced(robot: LabRobot) -> int:
+    """The timestep of the last control step in a robot's trace, -1: there is none.
+
+    LabError: the file cannot be read.
+    """
+    if not os.path.isfile(robot.trace):
+        return -1
+    with file_errors(robot.trace), robot.trace.open("rb") as file:
+        file.seek(max(os.path.getsize(robot.trace) - 2 * _TRACE_LINE, 0))
+        steps = _STEP.findall(file.read())
+    timestep = re.match(rb"step \d+ timestep (\d+) ", steps[-1]) if steps else None
+    return -1 if timestep is None else int(timestep[1])
+
+
 def _row(
-    robot: LabRobot, words: list[str], sensors: Sequence[str], judged: str | None, where: str
+    robot: LabRobot, words: list[str], sensors: Sequence[str], judged: str | None
 ) -> tuple[object, ...]:
     fields = dict(zip(words[::2], words[1::2]))
-    try:
-        return (
-            int(fields["step"]),
-            int(fields["timestep"]),
-            robot.host_time_ns(int(fields["now_ns"])),
-            robot.host_time_ns(int(fields["rx_ns"])),
-            int(fields["capture_ns"]),
-            *_held(fields["values"], sensors, judged),
-            int(fields["left"]),
-            int(fields["right"]),
-        )
-    except (KeyError, ValueError) as error:
-        raise LabError(f"{where}: not a trace line: {error}") from None
+    return (
+        int(fields["step"]),
+        int(fields["timestep"]),
+        robot.host_time_ns(int(fields["now_ns"])),
+        robot.host_time_ns(int(fields["rx_ns"])),
+        int(fields["capture_ns"]),
+        *_held(fields["values"], sensors, judged),
+        int(fields["left"]),
+        int(fields["right"]),
+    )
 
 
 def _held(

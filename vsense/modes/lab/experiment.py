@@ -1,4 +1,4 @@
-"""Experiments in the lab: one run after the other, all reported when they are over."""
+"""Experiments in the lab: one run after the other, each reported when it is over."""
 
 from __future__ import annotations
 
@@ -88,30 +88,98 @@ def run(options: LabOptions) -> int:
             options.battery,
         )
         session = Session(setup, directory, options.lab, robots, rig, link.legacy_port)
-        return _carry_out(session, options)
+        return _LabRuns.of(session, options).run(options.json)
 
 
-def _carry_out(session: Session, options: LabOptions) -> int:
-    """Carries out all runs and reports about them; gives the exit code."""
-    console, interrupted = session.setup.console, session.setup.interrupted
-    directory, on_stdout = session.directory, options.json
-    series = Series(directory, options.room.runs, session.setup.room.holds, interrupted)
-    rows = RunRows(directory, "lab", dict(options.experiment.settings))
-    failure = _run_all(session, series, rows)
-    console.end_progress()
-    try:
-        with interrupted.in_time():
-            summaries = _report_all(on_stdout, session, series, rows)
-    except CutShort:
-        console.say(f"vsense: no time for the figures; the run's logs are in {directory}")
-        if failure is not None:
-            console.say(f"vsense: {failure}", "trouble")
-        raise
-    if failure is not None:
-        raise failure
-    broken = series.was_broken(session.runner.control)
-    lost = [n.record.ended for n in session.recordings if not len(n.figures.steps)]
-    return interrupted.code if broken else exit_code(summaries, lost)
+@dataclass(frozen=True, slots=True)
+class _LabRuns:
+    """All runs of a lab.
+
+    Attributes:
+        unreported: why runs ended of which there are no figures, or what was lacking of these.
+    """
+
+    session: Session
+    series: Series
+    rows: RunRows
+    unreported: list[str] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, session: Session, options: LabOptions) -> _LabRuns:
+        """The runs of a lab that is not open yet."""
+        setup, directory, runs = session.setup, session.directory, options.room.runs
+        name, interrupted, say = setup.experiment.name, setup.interrupted, setup.console.say
+        series = Series(name, directory, runs, setup.room.holds, interrupted, say)
+        rows = RunRows(directory, "lab", dict(options.experiment.settings))
+        return cls(session, series, rows)
+
+    def run(self, on_stdout: bool) -> int:
+        """Carries out all runs; gives the exit code. Raises as `run`."""
+        session, setup, failure = self.session, self.session.setup, None
+        with session:
+            say_link(session.server, session.doubts(), setup.console)
+            try:
+                while (failure := self._carry_out()) is None and self._goes_on():
+                    session.next_run()
+            except VsenseError as error:
+                setup.room.fail(error)
+                failure = error
+        setup.console.end_progress()
+        with setup.interrupted.in_time():
+            self.series.end(failure, on_stdout)
+        broken = self.series.was_broken(session.runner.control)
+        code = exit_code(self.series.summaries, self.unreported)
+        return setup.interrupted.code if broken else code
+
+    def _goes_on(self) -> bool:
+        return self.series.goes_on(self.session.runner)
+
+    def _carry_out(self) -> VsenseError | None:
+        """Carries a run out and reports about it; returns what has failed in it."""
+        session, room, console = self.session, self.session.setup.room, self.session.setup.console
+        number, failure = session.runner.control.run, None
+        directory = self.series.directory(number)
+        room.begin_run(session.environment, directory)
+        session.wait_until_ready()
+        session.home()
+        _announce(console, session, directory)
+        self.rows.begin(number)
+        try:
+            session.run(directory, _progress(console, session))
+        except VsenseError as error:
+            room.fail(error)
+            failure = error
+        room.recorders.end_run()
+        console.end_progress()
+        try:
+            with session.setup.interrupted.in_time():
+                self._report()
+        except CutShort:
+            console.say(f"vsense: no time for the figures; the run's logs are in {directory}")
+            if failure is not None:
+                console.say(f"vsense: {failure}", "trouble")
+            raise
+        return failure
+
+    def _report(self) -> None:
+        """Reports about the newest run; what fails in that costs no other run."""
+        say, notes = self.session.setup.console.say, self.session.notes
+        assert notes is not None
+        if not len(notes.figures.steps):
+            say("vsense: the run ended before its first timestep: nothing was measured")
+            self.unreported.append(notes.record.ended)
+            return
+        try:
+            report_run(self.session, self._keep, say)
+        except VsenseError as error:
+            text = f"run {self.session.runner.control.run} is not reported as a whole: {error}"
+            say(f"vsense: {text}", "trouble")
+            self.unreported.append(text)
+
+    def _keep(self, summary: dict[str, Any]) -> None:
+        self.series.add(summary)
+        if lacks := self.rows.add(summary, self.session.experiment):
+            self.session.setup.console.say(lacks, "trouble")
 
 
 def _trust(options: LabOptions, console: Console) -> LinkTrust:
@@ -144,29 +212,6 @@ def set_pace(pace: float, host: str) -> None:
             f" 127.0.0.1, got {host}; --set experiment.vss_host=127.0.0.1"
         )
     clock.slow(round(pace * 1000))
-
-
-def _run_all(session: Session, series: Series, rows: RunRows) -> VsenseError | None:
-    """Carries out all runs; returns a failure in one of them, to be raised after the reports."""
-    console, room = session.setup.console, session.setup.room
-    with session:
-        say_link(session.server, session.doubts(), console)
-        try:
-            while True:
-                directory = series.directory(session.runner.control.run)
-                room.begin_run(session.environment, directory)
-                session.wait_until_ready()
-                session.home()
-                _announce(console, session, directory)
-                rows.begin(session.runner.control.run)
-                session.run(directory, _progress(console, session))
-                room.recorders.end_run()
-                if not series.goes_on(session.runner):
-                    return None
-                session.next_run()
-        except VsenseError as error:
-            room.fail(error)
-            return error
 
 
 def _warn(console: Console, experiment: Experiment, directory: Path) -> None:
@@ -217,42 +262,25 @@ def _progress(console: Console, session: Session) -> Callable[[Step], None]:
     return show
 
 
-def _report_all(
-    on_stdout: bool, session: Session, series: Series, rows: RunRows
-) -> list[dict[str, Any]]:
-    """Measures, writes and prints the figures of all runs, and gives them."""
-    summaries, say = list[dict[str, Any]](), session.setup.console.say
-
-    def keep(summary: dict[str, Any]) -> None:
-        summaries.append(summary)
-        if lacks := rows.add(summary, session.recordings[summary["run"] - 1].experiment):
-            say(lacks, "trouble")
-
-    try:
-        for number, notes in enumerate(session.recordings, 1):
-            if len(notes.figures.steps):
-                report_run(session, number, keep, say, on_stdout and not series.several)
-            else:
-                say("vsense: the run ended before its first timestep: nothing was measured")
-    finally:
-        series.write_summary(session.experiment.name, summaries, on_stdout)
-    return summaries
-
-
 def report_run(
     session: Session,
-    number: int,
     keep: Callable[[dict[str, Any]], None],
     say: Callable[[str], None] = lambda text: None,
-    on_stdout: bool = False,
 ) -> None:
-    """Measures a run, writes and says its figures; `keep` takes its summary before it is drawn."""
-    notes = session.recordings[number - 1]
+    """Measures the newest run, writes and says its figures.
+
+    `keep` takes its summary, whatever the disk then takes of it.
+
+    Raises:
+        VsenseError: logs cannot be read, or a file cannot be written.
+    """
+    notes = session.notes
+    assert notes is not None
     measured = _report.gather(session, notes)
-    summary = _report.summarise(session, number, measured)
+    summary = _report.summarise(session, notes, measured)
     say(_report.table(summary))
-    run_directory.write_summary(notes.directory, summary, on_stdout)
     keep(summary)
+    run_directory.write_summary(notes.directory, summary, False)
     if summary["unlogged_timesteps"]:
         say("no picture: the logs end before the run")
         return

@@ -21,6 +21,7 @@ from vsense.modes.lab._grabber import LabGrabber
 from vsense.modes.lab._metrics import TrackingTally
 from vsense.modes.lab._optics import vignetting
 from vsense.modes.lab._physics_process import PhysicsHandle
+from vsense.modes.lab._run_logs import RunLogs
 from vsense.modes.lab._swarm import LabRobot, LabSwarm, daemons_of
 from vsense.modes.lab.calibrated import CalibratedRig
 from vsense.modes.lab.hardware import NOMINAL, EmulatedLab, LabRobots, to_markers
@@ -35,7 +36,7 @@ from vsense.run.changing import Ground
 from vsense.run.figures import Figures
 from vsense.run.robots import Readiness
 from vsense.run.runtime import Step
-from vsense.run.verdict import RunRecord
+from vsense.run.verdict import LINK_S, RunRecord
 from vsense.vision.markers.families import load_family
 from vsense.vision.tracking.arena_tracker import ArenaTracker
 from vsense.vision.tracking.camera_tracking import CameraTracking
@@ -68,6 +69,7 @@ class RunNotes:
         seen: the cameras' pictures at chosen timesteps of the run.
         link: `sent`, `received`, `dropped` packets with readings, `reconnects`, `defects`.
         lateness_ms: the canary's ticks.
+        logs: of all other processes.
     """
 
     samples: RunSamples
@@ -78,6 +80,7 @@ class RunNotes:
     directory: Path
     experiment: Experiment
     robots: Sequence[LabRobot]
+    logs: RunLogs
     parts: Sequence[Mapping[str, Any]] = ()
     resting: tuple[str, ...] = ()
     record: RunRecord = field(default_factory=lambda: RunRecord(ended=""))
@@ -85,9 +88,24 @@ class RunNotes:
     link: dict[str, int] = field(default_factory=no_link)
     lateness_ms: list[float] = field(default_factory=list)
 
+    def end(
+        self,
+        parts: Sequence[Mapping[str, Any]],
+        link: dict[str, int],
+        lateness_ms: list[float],
+        record: RunRecord,
+    ) -> None:
+        """The run is over, with these."""
+        self.parts, self.link = parts, link
+        self.lateness_ms, self.record = lateness_ms, record
+
 
 class Session(ExperimentSession):
-    """Everything that runs in the lab; no process is left behind."""
+    """Everything that runs in the lab; no process is left behind.
+
+    Attributes:
+        notes: of the present run, or the last one; None: none has begun.
+    """
 
     quiet = frozenset({"connected"})
 
@@ -114,7 +132,7 @@ class Session(ExperimentSession):
         super().__init__(setup, legacy_port)
         self.directory = directory
         self.truth_log = directory / "truth.bin"
-        self.recordings: list[RunNotes] = []
+        self.notes: RunNotes | None = None
         self._lab = lab
         self.rig, self.robots = rig, robots
         self._ready = False
@@ -241,6 +259,7 @@ class Session(ExperimentSession):
             directory,
             experiment,
             tuple(self.swarm.robots),
+            RunLogs(self.truth_log, self.floor.log, self.swarm.robots),
             resting=self.resting,
         )
 
@@ -252,8 +271,7 @@ class Session(ExperimentSession):
         Raises:
             VsenseError: something has failed; what was recorded until then is kept.
         """
-        notes = self._notes(directory)
-        self.recordings.append(notes)
+        notes = self.notes = self._notes(directory)
         canary = Canary()
         self._stack.callback(canary.close)
         failure: VsenseError | None = None
@@ -262,9 +280,10 @@ class Session(ExperimentSession):
         except VsenseError as error:
             failure = error
         self.stop()
-        notes.parts = played(self.experiment, self.runner.robots)
-        notes.link, notes.lateness_ms = self.runner.link_figures(), canary.end()
-        notes.record = self.record_of(notes.figures, failure)
+        parts, lateness_ms = played(self.experiment, self.runner.robots), canary.end()
+        record = self.record_of(notes.figures, failure)
+        record = replace(record, unlogged=self._unlogged(notes))
+        notes.end(parts, self.runner.link_figures(), lateness_ms, record)
         self.judge(notes.record)
         if failure is not None:
             # Without physics the cameras fail, too: report what failed first.
@@ -275,6 +294,19 @@ class Session(ExperimentSession):
         finally:
             for text in self.environment.said():
                 self.setup.console.say(f"loop functions: {text}")
+
+    def _unlogged(self, notes: RunNotes) -> list[str]:
+        """What the logs of a run that is over lack, in words; see `RunRecord`."""
+        standing, robots = self.runner.standing, self.runner.robots
+        driving = [
+            robot
+            for robot in notes.robots
+            if robots[robot.tag].connected
+            and robot.name not in self.resting
+            and not any(standing.stood_s(robot.tag))  # who stands makes no steps
+        ]
+        timesteps = notes.figures.steps.columns()[0]
+        return notes.logs.end(timesteps, driving, round(LINK_S * 1e9 / self.dt_ns))
 
     def record_of(self, figures: Figures, failure: VsenseError | None) -> RunRecord:
         """See `ExperimentSession`; of controllers their logs tell here, and how daemons ended."""
@@ -303,8 +335,6 @@ class Session(ExperimentSession):
 
     def next_run(self) -> None:
         """See `ExperimentSession`."""
-        for notes in self.recordings:
-            notes.seen.pack()
         self._fallen.clear()
         super().next_run()
 

@@ -11,6 +11,7 @@ timestep, all little endian.
 
 from __future__ import annotations
 
+import os
 import struct
 import zlib
 from pathlib import Path
@@ -238,19 +239,32 @@ class TruthLog:
         self._file.close()
 
 
-def read_truth(path: str | Path) -> NDArray[np.void]:
+def read_truth(path: str | Path, offset: int = 0) -> NDArray[np.void]:
     """Reads a truth log (timesteps,); a last record that is not whole is left out.
+
+    Args:
+        path: of the file.
+        offset: records that end before this byte of it are left out.
 
     Raises:
         LabError: the file cannot be read, or is no truth log.
     """
-    with file_errors(f"truth log {path}"):
-        content = Path(path).read_bytes()
-    if len(content) < _LOG_HEADER.size:
-        raise LabError(f"truth log {path}: {len(content)} bytes are no truth log")
-    magic, bodies = _LOG_HEADER.unpack_from(content)
-    if magic != LOG_MAGIC:
-        raise LabError(f"truth log {path}: begins with {magic!r}, expected {LOG_MAGIC!r}")
-    dtype = truth_dtype(bodies)
-    count = (len(content) - _LOG_HEADER.size) // dtype.itemsize
-    return np.frombuffer(content, dtype=dtype, count=count, offset=_LOG_HEADER.size)
+    with file_errors(f"truth log {path}"), Path(path).open("rb") as file:
+        head = file.read(_LOG_HEADER.size)
+        if len(head) < _LOG_HEADER.size:
+            raise LabError(f"truth log {path}: {len(head)} bytes are no truth log")
+        magic, bodies = _LOG_HEADER.unpack(head)
+        if magic != LOG_MAGIC:
+            raise LabError(f"truth log {path}: begins with {magic!r}, expected {LOG_MAGIC!r}")
+        dtype = truth_dtype(bodies)
+        file.seek(max(offset - len(head), 0) // dtype.itemsize * dtype.itemsize, os.SEEK_CUR)
+        content = file.read()
+    return np.frombuffer(content, dtype=dtype, count=len(content) // dtype.itemsize)
+
+
+def truth_at(truth: NDArray[np.void], timesteps: NDArray[np.int64]) -> NDArray[np.void]:
+    """The records of rising timesteps, up to the first one that a truth log lacks."""
+    rows = np.searchsorted(truth["timestep"], timesteps)
+    rows = rows[rows < len(truth)]
+    lacking = truth["timestep"][rows] != timesteps[: len(rows)]
+    return truth[rows[: np.argmax(lacking)] if lacking.any() else rows]

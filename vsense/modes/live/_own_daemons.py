@@ -14,7 +14,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from vsense.base.clock import host_ns
-from vsense.base.files import log_ends
+from vsense.base.errors import VsenseError, failing_as
+from vsense.base.files import cut_log, log_ends
 from vsense.base.processes import Lifeline, describe_exit, terminate
 from vsense.base.terminal import Level
 from vsense.config.roster import Roster, RosterRobot, read
@@ -78,8 +79,13 @@ class OwnDaemons:
             )
 
     def look(self) -> None:
-        """Starts those again that have ended, and says so."""
+        """Starts those again that have ended, and says so; keeps their logs in bounds.
+
+        VsenseError: a log that is too long cannot be cut.
+        """
         for tag, process in [*self._processes.items()]:
+            with failing_as(VsenseError, f"cannot cut {self._log(tag)}"):
+                cut_log(self._log(tag))
             if process.poll() is not None:
                 del self._processes[tag]
                 last = log_ends(self._log(tag)).splitlines()[-1:]

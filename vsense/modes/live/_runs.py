@@ -266,7 +266,10 @@ class Runs:
         UnusableDirectory if it cannot be made, or is not empty.
         """
         root = run_directory.make(wanted, self.name, None)
-        self._series = Series(root, 1, self.stays, self._interrupted)
+        say = self._console.say
+        self._series = Series(self.name, root, 1, self.stays, self._interrupted, say)
+        for summary in self._summaries:
+            self._series.add(summary)
 
     @property
     def running(self) -> bool:
@@ -324,6 +327,8 @@ class Runs:
             "recording": {name: recording[name] for name in ("file", "bytes", "lost_messages")},
         }
         self._summaries.append(summary)
+        if self._series is not None:
+            self._series.add(summary)
         directory, self.directory = self.directory, None
         if directory is None:
             return
@@ -344,7 +349,7 @@ class Runs:
         """
         several = self.stays or len(self._summaries) > 1
         if self._series is not None and several:
-            self._series.write_summary(self.name, self._summaries, on_stdout)
+            self._series.end(None, on_stdout)
         elif on_stdout:
             single = self._summaries[0] if self._summaries else {}
             data = {"experiment": self.name, "runs": self._summaries} if several else single

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from vsense.base.errors import VsenseError, failing_as
 from vsense.base.interruption import interruption
-from vsense.base.terminal import print_data
 from vsense.config.experiment import first_robots
 from vsense.config.roster_fields import MarkerOffset
 from vsense.config.specs import Experiment
@@ -109,7 +106,8 @@ def _run_leased(
             (lambda tags: None) if leases is None else leases.take,
             options.link.other_programs,
         )
-        series = Series(directory, options.room.runs, room.holds, interrupted)
+        name, runs = experiment.name, options.room.runs
+        series = Series(name, directory, runs, room.holds, interrupted, log.say)
         rows = RunRows(directory, "run", dict(asked.settings))
         return _RealRuns(options, setup, directory, log, series, rows).run()
 
@@ -129,29 +127,24 @@ class _RealRuns:
         """Carries out all runs; see `run`."""
         options, setup = self.options, self.setup
         session = RunSession(setup, options.link.tracking, options.link.legacy_port)
-        summaries, unmeasured = list[dict[str, Any]](), list[str]()
+        unmeasured = list[str]()
         failure: VsenseError | None = None
         with session:
             self._announce(session)
             try:
-                while self._carry_out(session, summaries, unmeasured):
+                while self._carry_out(session, unmeasured):
                     if not self.series.goes_on(session.runner):
                         break
                     session.next_run()
             except VsenseError as error:
                 failure = error
         self.log.end_progress()
-        if summaries and not self.series.several and options.json:
-            print_data(json.dumps(summaries[0], indent=2))
-        self.series.write_summary(setup.experiment.name, summaries, options.json)
-        if failure is not None:
-            raise failure
+        self.series.end(failure, options.json)
         broken = self.series.was_broken(session.runner.control)
-        return setup.interrupted.code if broken else exit_code(summaries, unmeasured)
+        code = exit_code(self.series.summaries, unmeasured)
+        return setup.interrupted.code if broken else code
 
-    def _carry_out(
-        self, session: RunSession, summaries: list[dict[str, Any]], unmeasured: list[str]
-    ) -> bool:
+    def _carry_out(self, session: RunSession, unmeasured: list[str]) -> bool:
         """Waits, carries out a run and reports; False if the wait was interrupted."""
         number = session.runner.control.run
         directory = self.series.directory(number)
@@ -173,7 +166,7 @@ class _RealRuns:
         if summary is None:
             unmeasured.append(session.runner.ended)
         else:
-            summaries.append(summary)
+            self.series.add(summary)
             if lacks := self.rows.add(summary, session.experiment):
                 self.log.say(lacks, "trouble")
         if run.failure is not None:

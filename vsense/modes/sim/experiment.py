@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from vsense.base.errors import Interrupted, VsenseError
 from vsense.base.interruption import Interruption, interruption
-from vsense.base.terminal import Console, measure_rows, print_data
+from vsense.base.terminal import Console, measure_rows
 from vsense.config.placement import settle
 from vsense.config.specs import Experiment
 from vsense.modes import origin
@@ -26,6 +25,7 @@ from vsense.run.environment import MOST_SEED
 from vsense.run.verdict import VoidCriteria, exit_code, table_rows
 
 if TYPE_CHECKING:
+    from vsense.modes._several import Series
     from vsense.modes.sim._room import SimRoom, WatchedRuns
 
 
@@ -113,40 +113,44 @@ class _SingleRun:
             SimRoom(control_room, self.experiment, seed, speed) as room,
         ):
             directory = run_directory.make(output, self.experiment.name, seed)
-            series = Series(directory, 1, False, interrupted)
+            say = self.console.say
+            series = Series(self.experiment.name, directory, 1, False, interrupted, say)
             with WatchedRuns(room, interrupted) as runs:
-                summaries = list(self._watched(room, runs, series.directory, libraries))
-            series.write_summary(self.experiment.name, summaries, self.options.json)
-        if self.options.json and summaries and not series.several:
-            print_data(json.dumps(summaries[0], indent=2))
+                self._watched(room, runs, series, libraries)
+        series.end(None, self.options.json)
         if runs.failure is not None:
             return runs.failure.exit_code
-        return interrupted.code if runs.cut else exit_code(summaries)
+        return interrupted.code if runs.cut else exit_code(series.summaries)
 
     def _watched(
         self,
         room: SimRoom,
         runs: WatchedRuns,
-        directory: Callable[[int], Path],
+        series: Series,
         libraries: dict[str, str],
-    ) -> Iterator[dict[str, Any]]:
-        """Does runs as they are wanted; yields the figures of those that did not fail."""
+    ) -> None:
+        """Does runs as they are wanted."""
         console, control = self.console, room.control
         while True:
-            job = self._job(directory(control.run), room.seed, libraries)
+            job = self._job(series.directory(control.run), room.seed, libraries)
             self._announce(job)
             room.begin_run(Path(job.directory or "."))
             try:
                 result = runs.run(Task(job, self.experiment), self._show())
                 console.end_progress()
-                yield self._report(job, result, False, control.why)
+                series.add(self._report(job, result, False, control.why))
             except VsenseError as error:
-                yield from self._report_failure(job, error)
+                for summary in self._report_failure(job, error):
+                    series.add(summary)
                 # The page stays: who watches shall see what has failed, and may go on.
                 console.say(f"vsense: {error}", "trouble")
             room.end_run()
             console.say("the run is over; its page stays until Ctrl-C, reset begins the next one")
-            if not runs.rest(lambda: console.progress("the run is over: Ctrl-C ends vsense")):
+            idle = lambda: console.progress("the run is over: Ctrl-C ends vsense")  # noqa: E731
+            while wanted := runs.rest(idle):
+                if series.prepares_next(control):
+                    break
+            if not wanted:
                 return
             console.end_progress()
             room.next_run(room.seed % MOST_SEED + 1)
@@ -202,7 +206,11 @@ class _SingleRun:
         summaries = []
         if isinstance(error, SimulatedRunError):
             summaries = [self._summary(job, error.result)]
-            run_directory.write_summary(Path(job.directory or "."), summaries[0], on_stdout)
+            try:
+                run_directory.write_summary(Path(job.directory or "."), summaries[0], on_stdout)
+            except run_directory.DirectoryError as lacking:
+                # The run's own failure is what is raised.
+                self.console.say(f"the run's figures are not kept: {lacking}", "trouble")
         self.console.say(f"the run has failed; what there is of it: {job.directory}")
         return summaries
 

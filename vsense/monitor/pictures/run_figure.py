@@ -222,7 +222,6 @@ def charts(run: RunFigure) -> list[Chart]:
 
 
 _PAPER: Colour = (255, 255, 255)
-_QUALITY = (cv2.IMWRITE_JPEG_QUALITY, 90)
 
 
 class RunCameras:
@@ -246,7 +245,6 @@ class RunCameras:
         shade: Shade | None = None,
     ) -> None:
         self.pictures: dict[int, dict[str, Image]] = {}
-        self._packed: dict[int, dict[str, Image]] = {}
         self._cameras, self._top_m, self._shade = cameras, top_m, shade
         self._ids, self._moment = {camera.id for camera in cameras}, moment or 0
 
@@ -267,22 +265,6 @@ class RunCameras:
                 copy = np.empty_like(frame.image)
             np.copyto(copy, frame.image)
             self.pictures[timestep][frame.camera] = copy
-
-    def pack(self) -> None:
-        """Keeps all pictures as JPEG, of a run that others follow: runs may be many."""
-        for timestep, images in self.pictures.items():
-            self._packed[timestep] = {
-                name: cv2.imencode(".jpg", image, _QUALITY)[1] for name, image in images.items()
-            }
-        self.pictures.clear()
-
-    def unpack(self) -> None:
-        """Makes pictures of what was packed."""
-        for timestep, coded in self._packed.items():
-            self.pictures[timestep] = {
-                name: np.asarray(cv2.imdecode(data, cv2.IMREAD_UNCHANGED), np.uint8)
-                for name, data in coded.items()
-            }
 
     def newest(self, timestep: int, reach: int) -> int | None:
         """The newest timestep with pictures up to this one, at most `reach` before it."""

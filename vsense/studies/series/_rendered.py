@@ -68,14 +68,18 @@ class LabRuns:
                 room.fail(error)
                 raise
         self._console.end_progress()
-        if not session.recordings:
+        if (notes := session.notes) is None:
             return
-        notes = session.recordings[-1]
         staged.figures = notes.figures
         ended, summaries = notes.record.ended, list[dict[str, Any]]()
         if len(notes.figures.steps):
-            with suppress(CutShort), self._interrupted.in_time():
-                report_run(session, len(session.recordings), summaries.append)
+            try:
+                with suppress(CutShort), self._interrupted.in_time():
+                    report_run(session, summaries.append)
+            except VsenseError as error:
+                # A picture that the disk does not take costs no run that has figures.
+                self._console.say(f"{run.name} is not reported as a whole: {error}", "trouble")
+                ended = ended if summaries else str(error)
         elif self._interrupted.is_set():
             return
         yield run, staged.outcome(next(iter(summaries), None), ended, session.runner.control)
