@@ -19,6 +19,12 @@ from vsense.base.interruption import interruption
 NEVER_S = 60.0
 
 
+@pytest.fixture(autouse=True)
+def forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The tests that follow have time."""
+    monkeypatch.setattr(module, "_newest", module.Interruption())
+
+
 def come(number: int) -> None:
     """The signal comes now: sent to the process, it may reach another thread, and later."""
     signal.raise_signal(number)

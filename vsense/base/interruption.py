@@ -123,8 +123,12 @@ class Interruption(threading.Event):
 
     @property
     def left_s(self) -> float:
-        """How long all may take that is done yet: for ever, but after SIGTERM and SIGHUP."""
-        return max(self._last_s - time.monotonic(), 0.0)
+        """How long all may take that is done yet: for ever, but after SIGTERM and SIGHUP.
+
+        Whoever goes on after both, such as a notebook, has all the time again.
+        """
+        left_s = self._last_s - time.monotonic()
+        return max(left_s, 0.0) if left_s > -END_S else math.inf
 
     def is_set(self) -> bool:
         """Whether a signal has come."""
