@@ -261,3 +261,18 @@ def test_the_last_words_wait_for_a_slow_reader(tmp_path: Path) -> None:
     assert process.stderr is not None
     time.sleep(1.5)  # longer than what is waited after a signal, and than Python takes to start
     assert process.stderr.read().endswith(b"end\n") and process.wait(NEVER_S) == 0
+
+
+def test_a_file_that_hangs_keeps_no_run_waiting(tmp_path: Path) -> None:
+    path = tmp_path / "nohup.out"
+    with path.open("w") as stream:
+        console = Console(stream)
+        console.write_aside()
+        flushed = threading.Event()
+        stream.flush = lambda: flushed.wait(NEVER_S)  # type: ignore[method-assign]
+        in_time(lambda: [console.say(f"line {number}") for number in range(9)] and None)
+        flushed.set()
+        assert console._aside is not None
+        console._aside.close()
+        del stream.flush
+    assert path.read_text().splitlines() == [f"line {number}" for number in range(9)]

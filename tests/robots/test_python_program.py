@@ -252,6 +252,7 @@ def test_the_controller_of_new_knows_green(
 
 def test_a_signal_in_a_step_changes_nothing_of_its_limit(monkeypatch) -> None:
     monkeypatch.setattr("vsense.base.interruption._newest", None)  # those that follow have time
+
     class Nothing:
         @staticmethod
         def parts() -> list[object]:

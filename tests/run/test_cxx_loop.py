@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import csv
 import shutil
+import subprocess
+import sys
 import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -592,3 +595,36 @@ def test_they_find_each_kind_of_robot(shared_cache: Path, tmp_path: Path) -> Non
         "foot-bot f 13 at 0.5,0,0",
         "pipuck p 10 at 0,0.5,0",
     ]
+
+
+TALKS = """
+import os, sys
+from vsense.run._loop_process import talk_aside
+before = os.fstat(1).st_ino
+with talk_aside():
+    for number in range(3000):
+        os.write(1 + number % 2, f"{number:99}\\n".encode())
+    open(sys.argv[1], "w").close()
+assert os.fstat(1).st_ino == before
+"""
+
+
+@pytest.mark.parametrize("is_read", [True, False])
+def test_what_it_prints_waits_for_no_reader(tmp_path: Path, is_read: bool) -> None:
+    command = [sys.executable, "-c", TALKS, str(tmp_path / "returned")]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    assert process.stdout is not None
+    try:
+        said = process.stdout.read() if is_read else b""
+        for _ in range(600):
+            if (tmp_path / "returned").exists():
+                break
+            time.sleep(0.05)
+        assert (tmp_path / "returned").exists()
+        if is_read:
+            assert [int(line) for line in said.splitlines()] == list(range(3000))
+            assert process.wait(30.0) == 0
+    finally:
+        process.kill()
+        process.wait()
+        process.stdout.close()

@@ -3,6 +3,7 @@ themselves, and columns."""
 
 from __future__ import annotations
 
+import atexit
 import io
 import os
 import re
@@ -14,12 +15,13 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from functools import partial
 from typing import Literal, TextIO
 
 from vsense.base.clock import host_ns
 from vsense.base.errors import VsenseError, failing_as
 from vsense.base.interruption import open_call
-from vsense.base.writing import write
+from vsense.base.writing import BackgroundWriter, is_on_disk, write
 
 Level = Literal["info", "warning", "trouble"]
 
@@ -68,7 +70,7 @@ class Console:
 
     For any thread. The stream is by default standard error; where it is no terminal the live line
     becomes a plain line every ten seconds, where it is closed nothing is printed, and where nobody
-    reads it nobody waits: see `Outlet`.
+    reads it nobody waits: see `vsense.base.writing`.
 
     Attributes:
         newest: the live line in its full length.
@@ -82,6 +84,13 @@ class Console:
         self._lock = threading.Lock()
         self.newest = ""
         self._repeat: Callable[[str, Level], None] = lambda text, level: None
+        self._aside: BackgroundWriter | None = None
+
+    def write_aside(self) -> None:
+        """Has a thread write from now on where the stream is a file: its disk may hang."""
+        if self._aside is None and is_on_disk(self._stream):
+            self._aside = BackgroundWriter("standard error", lambda text: None)
+            atexit.register(self._aside.close)
 
     def repeat_to(self, take: Callable[[str, Level], None]) -> None:
         """Gives every later message to `take`, too, which must not wait."""
@@ -98,7 +107,7 @@ class Console:
         # A stream that was closed must not end an experiment.
         with self._lock, suppress(OSError):
             line = self._line if self._live else ""
-            write(self._stream, f"{self._erasing()}{printable_lines(text)}\n{line}")
+            self._write(f"{self._erasing()}{printable_lines(text)}\n{line}")
             self._printed_ns = None
 
     def progress(self, line: str) -> None:
@@ -108,18 +117,24 @@ class Console:
             if self._live:
                 erasing = self._erasing()
                 self._line = line[: os.get_terminal_size(self._stream.fileno()).columns - 1]
-                write(self._stream, f"{erasing}{self._line}", passing=True)
+                self._write(f"{erasing}{self._line}", passing=True)
             else:
                 due = self._is_due()
                 self._printed_ns = host_ns() if due else self._printed_ns
-                write(self._stream, f"{line}\n" if due else "", passing=True)
+                self._write(f"{line}\n" if due else "", passing=True)
 
     def end_progress(self) -> None:
         """Leaves the live line where it is and goes on below it."""
         with self._lock, suppress(OSError):
             if self._live and self._line:
-                write(self._stream, "\n")
+                self._write("\n")
             self._line = ""
+
+    def _write(self, text: str, passing: bool = False) -> None:
+        if self._aside is None:
+            write(self._stream, text, passing)
+        else:
+            self._aside.do(partial(write, self._stream, text, passing))
 
     def _is_due(self) -> bool:
         """Whether a plain line is due: the first after a message, then every ten seconds."""

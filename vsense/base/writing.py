@@ -140,6 +140,14 @@ def _outlet_of(stream: io.TextIOWrapper) -> Outlet | None:
     return None if terminal else Outlet(stream.encoding, first, partial(_write_little, first))
 
 
+def is_on_disk(stream: TextIO) -> bool:
+    """Whether a stream is a file, whose disk may hang."""
+    try:
+        return stat.S_ISREG(os.fstat(stream.fileno()).st_mode)
+    except (AttributeError, OSError, ValueError):  # it is no file of the system's, or closed
+        return False
+
+
 def _controls(descriptor: int) -> bool:
     """Whether a terminal is this process's own, which /dev/tty opens for every account."""
     try:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from vsense.base.arena import Floats
 from vsense.base.errors import VsenseError
 from vsense.base.native import kernel_ffi, kernels, lib, pointer
+from vsense.base.terminal import Console
 from vsense.robots.loop_library import CALL, FUNCTIONS, LoopAddress
 from vsense.world.fields import OPAQUE, Floor
 from vsense.world.world import World
@@ -133,7 +134,7 @@ class FloorPainter:
                 shared[:] = colors.astype(np.uint8).tobytes()
                 os._exit(0)
             except VsenseError as error:
-                os.write(2, f"vsense: the floor's picture: {error}\n".encode())
+                Console().print_only(f"vsense: the floor's picture: {error}")
             finally:
                 os._exit(1)
         ended = os.waitpid(pid, 0)[1]

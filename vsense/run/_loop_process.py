@@ -7,20 +7,23 @@ answer is the lengths of text and colours, and these. It ends with its input.
 
 from __future__ import annotations
 
+import codecs
 import os
 import select
 import signal
 import struct
 import subprocess
 import sys
-from collections.abc import Sequence
-from contextlib import suppress
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.processes import python_module
+from vsense.base.writing import write
 from vsense.robots.loop_library import Colors, CxxLoopError, LoopLibrary
 
 CALL_LIMIT_S = 2.0
@@ -155,6 +158,35 @@ def answer(library: Path, source: int, target: int) -> None:
         _write(target, _SIZES.pack(len(text), len(colors)) + text + colors.tobytes())
 
 
+@contextmanager
+def talk_aside() -> Iterator[None]:
+    """Has a thread pass on what is printed, so that nobody waits for who reads it."""
+    talk = os.fdopen(os.dup(1), "w", encoding="utf-8", errors="replace")
+    before = [os.dup(number) for number in (1, 2)]
+    source, target = os.pipe()
+    decoder = codecs.getincrementaldecoder("utf-8")("replace")
+
+    def pass_on() -> None:
+        with suppress(OSError):  # who read it has gone
+            while data := os.read(source, 1 << 16):
+                write(talk, decoder.decode(data))
+        while os.read(source, 1 << 16):
+            pass  # nobody waits for a pipe that is not read
+
+    thread = threading.Thread(target=pass_on, daemon=True)
+    thread.start()
+    for number in (1, 2):
+        os.dup2(target, number)
+    os.close(target)
+    try:
+        yield
+    finally:
+        # What the library has kept back until the end goes there directly.
+        for number, descriptor in zip((1, 2), before):
+            os.dup2(descriptor, number)
+        thread.join(CALL_LIMIT_S / 4)
+
+
 if __name__ == "__main__":
-    with suppress(BrokenPipeError):
+    with suppress(BrokenPipeError), talk_aside():
         answer(Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3]))

@@ -160,6 +160,7 @@ class ControlRoom:
     def open(self, callbacks: RoomCallbacks) -> None:
         """Opens watchers, control socket and keyboard; VsenseError if one cannot be served."""
         self._callbacks, console = callbacks, self.console
+        console.write_aside()
         give = self._give_from_page(callbacks.give)
         runs = WatchedBus(self.bus, give, console, callbacks.ask)
         start_watchers(self._stack, self._watchers, runs)
