@@ -38,17 +38,8 @@ PYTHON_MIN, PYTHON_MAX = 60, 400
 """Lines of a Python file."""
 
 ROOMS = (
-    "commands",
-    "tools",
-    "studies",
-    "modes",
-    "monitor",
-    "run",
-    "config",
-    "robots",
-    "world",
-    "vision",
-    "base",
+    *("commands", "tools", "studies", "modes", "monitor", "run"),
+    *("config", "robots", "world", "vision", "base"),
 )
 """The folders of `vsense/`, from the top: each imports only from those below it."""
 
@@ -466,7 +457,7 @@ BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     "the page": (("vsense",), (".js", ".css", ".html"), 46, 6000, 300),
     "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 297, 32700, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 38, 7700, 512),
-    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 667, 117759, 651),
+    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 667, 117753, 651),
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 
