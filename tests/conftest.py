@@ -44,7 +44,8 @@ PACED = (
     *(f"tests/robots/test_{name}.py" for name in ("hard_faults", "stops")),
     "tests/system/",
 )
-"""Tests of one board, daemon or run, or of four cameras, in real time: with their like only."""
+"""Tests of one board, daemon or run, or of four cameras, in real time: with their like, and with
+those of `PATIENT`."""
 
 
 LONG = (
@@ -55,6 +56,16 @@ LONG = (
     *(f"tests/system/test_{name}.py" for name in ("every_option", "first_day", "series")),
 )
 """Files of a few long tests: they begin first, so that no worker is left alone with one."""
+
+
+PATIENT = (
+    *("tests/fuzz/", "tests/kernels/test_c_suite.py"),
+    *(f"tests/robots/test_{name}.py" for name in ("argos_controllers", "controller_rules", "cxx")),
+    *(f"tests/run/test_cxx_{name}.py" for name in ("controllers", "loop")),
+    *(f"tests/studies/series/test_{name}.py" for name in ("campaign", "compare", "optimize")),
+)
+"""Files that compile and calculate, and wait for nobody: they have the processor time that those of
+`PACED` leave, which wait for their robots for much of theirs."""
 
 
 TRIES_AGAIN = 2
@@ -69,16 +80,17 @@ OPT_IN = "campaign"
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     """Leaves out, unread, the files that have no test of the one part that is asked for."""
     part = config.option.markexpr
-    if part not in ("alone", "paced") or collection_path.suffix != ".py":
+    if part not in ("alone", "paced", "patient") or collection_path.suffix != ".py":
         return None
     place = collection_path.relative_to(config.rootpath).as_posix()
-    if place.startswith(ALONE + PACED) or f"mark.{part}" in collection_path.read_text():
+    files = PATIENT if part == "patient" else ALONE + PACED
+    if place.startswith(files) or f"mark.{part}" in collection_path.read_text():
         return None
     return True
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Puts the tests of `LONG` first, marks those of `ALONE` and `PACED`, leaves out `OPT_IN`."""
+    """Puts the tests of `LONG` first, marks those of the other lists, leaves out `OPT_IN`."""
     if OPT_IN not in config.option.markexpr:
         left_out = [item for item in items if item.get_closest_marker(OPT_IN)]
         items[:] = [item for item in items if not item.get_closest_marker(OPT_IN)]
@@ -90,6 +102,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker("alone")
         elif item.nodeid.startswith(PACED) and item.get_closest_marker("quick") is None:
             item.add_marker("paced")
+        elif item.nodeid.startswith(PATIENT):
+            item.add_marker("patient")
         keeps_time = item.get_closest_marker("alone") or item.get_closest_marker("paced")
         if keeps_time and "PYTEST_XDIST_WORKER" not in os.environ:
             item.add_marker(pytest.mark.flaky(reruns=TRIES_AGAIN, reruns_delay=2))

@@ -38,17 +38,8 @@ PYTHON_MIN, PYTHON_MAX = 60, 400
 """Lines of a Python file."""
 
 ROOMS = (
-    "commands",
-    "tools",
-    "studies",
-    "modes",
-    "monitor",
-    "run",
-    "config",
-    "robots",
-    "world",
-    "vision",
-    "base",
+    *("commands", "tools", "studies", "modes", "monitor", "run"),
+    *("config", "robots", "world", "vision", "base"),
 )
 """The folders of `vsense/`, from the top: each imports only from those below it."""
 

@@ -115,30 +115,10 @@ def state(m: dict[str, Any]) -> bytes:
 
 def telemetry(m: dict[str, Any]) -> bytes:
     fields = [
-        "state",
-        "wanted",
-        "stop_cause",
-        "battery_low",
-        "wanted_run",
-        "control_step",
-        "left_steps_s",
-        "right_steps_s",
-        "leds",
-        "battery_mv",
-        "received",
-        "old",
-        "foreign",
-        "corrupt",
-        "base_errors",
-        "guard_restarts",
-        "clock_bound_us",
-        "signal_dbm",
-        "power_saving",
-        "bit_rate",
-        "retries",
-        "overruns",
-        "base_resets",
-        "log_number",
+        *("state", "wanted", "stop_cause", "battery_low", "wanted_run", "control_step"),
+        *("left_steps_s", "right_steps_s", "leds", "battery_mv", "received", "old", "foreign"),
+        *("corrupt", "base_errors", "guard_restarts", "clock_bound_us", "signal_dbm"),
+        *("power_saving", "bit_rate", "retries", "overruns", "base_resets", "log_number"),
     ]
     body = struct.pack("<BBBBIIhhHHIIIIIIIbBHIIII", *[m[name] for name in fields])
     shown = b"".join(shown_item(*item) for item in m["shown"])

@@ -14,23 +14,8 @@ from packaging.requirements import Requirement
 from tests.rigs.places import ROOT
 
 EXTRAS = (
-    "cluster",
-    "completion",
-    "foxglove",
-    "https",
-    "learn",
-    "lua",
-    "mocap",
-    "nodes",
-    "notebook",
-    "optimize",
-    "record",
-    "report",
-    "ros2",
-    "rosbag",
-    "tables",
-    "thymio",
-    "web",
+    *("cluster", "completion", "foxglove", "https", "learn", "lua", "mocap", "nodes", "notebook"),
+    *("optimize", "record", "report", "ros2", "rosbag", "tables", "thymio", "web"),
 )
 """All that users can ask for but the compiler, which is pinned."""
 

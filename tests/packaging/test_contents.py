@@ -59,16 +59,8 @@ def installed(sdist: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("site-packages")
     tree = shutil.copytree(sdist, folder.parent / "unpacked")
     environment = clean_environment(folder.parent / "cache")
-    run(
-        sys.executable,
-        "setup.py",
-        "-q",
-        "build_py",
-        "--build-lib",
-        folder,
-        cwd=tree,
-        env=environment,
-    )
+    build = (sys.executable, "setup.py", "-q", "build_py", "--build-lib", folder)
+    run(*build, cwd=tree, env=environment)
     shutil.rmtree(tree)
     for library in (ROOT / "vsense").glob("*.so"):
         shutil.copy2(library, folder / "vsense")

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 from collections.abc import Callable, Iterator
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -268,8 +269,8 @@ def test_a_robot_that_its_host_drives(tmp_path: Path, build: Builder) -> None:
     rig.host.pollutant = np.array(command, "<i2").tobytes()
     rig.start()
     rig.run()
-    last = rig.applied[-1]
-    assert (last.left_steps_s, last.right_steps_s, last.leds) == (300, -200, 0b101)
+    told = attrgetter("left_steps_s", "right_steps_s", "leds")
+    rig.wait_for(lambda: told(rig.applied[-1]) == (300, -200, 0b101), "the host's command")
     rig.wait_for(
         lambda: list(map(list, rig.link.rgb.rgb))[1:] == [[40, 50, 60], [255, 20, 30]], "colours"
     )
@@ -279,14 +280,19 @@ def test_a_robot_that_its_host_drives(tmp_path: Path, build: Builder) -> None:
     rig.link.imu.rates[0] = 7511  # 1 rad/s are 7509.87
     message = {"data": [9, 8, 7, 6], "bearing_e4rad": -9000, "range_raw": 600}
     lib.fw_rab_hear(rig.link.rab, ffi.new("struct epuck_rab_message *", message))
-    rig.wait_for(lambda: own_of(rig)["range_and_bearing"][0] == 1.0, "the message")
-    rig.wait_for(lambda: own_of(rig)["proximity"][0] == 3000.0, "what is near")
-    rig.wait_for(lambda: own_of(rig)["gyroscope"][0] == pytest.approx(1.0, abs=1e-3), "its rate")
-    own = own_of(rig)
-    assert own["ground"][0] == pytest.approx(100 / lib.EPUCK_GROUND_MAX)
-    left_cm, right_cm = own["wheels"]
-    assert left_cm > 0.1 and right_cm == pytest.approx(-left_cm * 2 / 3, abs=0.2)
-    assert not own.keys() & {"accelerometer", "microphones", "distance"}
+    for name, value in (
+        *(("range_and_bearing", 1.0), ("proximity", 3000.0), ("gyroscope", 1.0)),
+        ("ground", 100 / lib.EPUCK_GROUND_MAX),
+    ):
+        near = pytest.approx(value, abs=1e-3)
+        rig.wait_for(lambda n=name, near=near: own_of(rig).get(n, [-1.0])[0] == near, name)
+
+    def on_its_way() -> bool:
+        left_cm, right_cm = own_of(rig).get("wheels", (0.0, 0.0))
+        return bool(left_cm > 0.1 and right_cm == pytest.approx(-left_cm * 2 / 3, abs=0.2))
+
+    rig.wait_for(on_its_way, "its wheels' way")
+    assert not own_of(rig).keys() & {"accelerometer", "microphones", "distance"}
     rig.host.frozen = True
     rig.wait_for(lambda: not rig.moving and rig.applied[-1].leds == 0, "an old command")
     rig.wait_for(lambda: not any(map(any, rig.link.rgb.rgb)), "the dark")

@@ -23,19 +23,9 @@ from tests.rigs.compiling import (
 from tests.robots.conftest import FLAGS, STRICT, Builder
 
 EDGE = {"base_reset", "board_link", "board_process", "calls", "check", "crash", "guard_link"}
-EDGE |= {
-    "orphan",
-    "guard_process",
-    "guard_rights",
-    "key",
-    "main",
-    "net",
-    "networks",
-    "radio",
-    "random",
-}
-EDGE |= {"report", "restart", "signals", "trace", "uid", "watchdog", "worker"}
-EDGE |= {"driver", "driver_process", "orphan", "two_wheels", "wifi_line"}
+EDGE |= {"orphan", "guard_process", "guard_rights", "key", "main", "net", "networks", "radio"}
+EDGE |= {"random", "report", "restart", "signals", "trace", "uid", "watchdog", "worker"}
+EDGE |= {"driver", "driver_process", "two_wheels", "wifi_line"}
 """The files that talk to the operating system; all others are pure."""
 
 SYSTEM = {"errno", "fcntl", "poll", "signal", "termios", "time", "unistd", "pthread"}

@@ -141,8 +141,11 @@ def test_in_cxx_it_is_said_once(tmp_path: Path, capsys) -> None:
     assert said.count("share its static variables, and real robots do not: n\n") == 1
 
 
-def test_argos_controllers_are_told_once_and_not_refused(tmp_path: Path, capsys) -> None:
+def test_argos_controllers_are_told_once_and_not_refused(
+    shared_cache: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys
+) -> None:
     require_tool("c++", "build-essential")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(shared_cache))  # our part of it is there already
     text = (ROOT / "tests/robots/argos/controllers/readings.cpp").read_text()
     here = text.index("{", text.index("::ControlStep()")) + 1
     source = tmp_path / "readings.cpp"

@@ -414,7 +414,7 @@ def test_robots_act_as_in_the_environment_in_which_they_learn(folder: Path) -> N
 
 
 def test_weights_are_told_packed_and_made_again(
-    folder: Path, capsys: pytest.CaptureFixture[str]
+    natively: None, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     data = (POLICIES / "mlp.onnx").read_bytes()
     path = experiment(folder, data)

@@ -20,7 +20,7 @@ from typing import Any
 import pytest
 
 from scripts.site.blocks import blocks
-from tests.conftest import require_tool
+from tests.conftest import require_tool, share_parts
 from tests.rigs.places import ROOT
 from vsense.config import roster
 from vsense.run.runs_csv import RUNS, read_runs
@@ -48,7 +48,9 @@ class Day:
         vsense = folder / "bin" / "vsense"
         vsense.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} -m vsense "$@"\n')
         vsense.chmod(0o755)
+        share_parts(folder / ".cache")
         own = {"HOME": str(folder), "XDG_CONFIG_HOME": str(folder / "config")}
+        own["XDG_CACHE_HOME"] = str(folder / ".cache")
         runtime = {"XDG_RUNTIME_DIR": str(folder), "PYTHONPATH": os.environ.get("PYTHONPATH", "")}
         self._env = {**os.environ, **own, **runtime}
         self._env["PATH"] = f"{folder / 'bin'}:{os.environ['PATH']}"

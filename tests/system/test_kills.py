@@ -36,6 +36,8 @@ CANARY_NS = 10 * MS
 FAULTS = {"worker": 38, "guard": 38, "host": 12, "tracker": 12}
 """A hundred; the suite has a third of them."""
 VOID_MOST = 25
+ORDERS_MAX = 100
+"""So often an order is given, and no longer for ever, until it is taken."""
 SETTLE_MS = 250
 """A fault comes at a random moment of this time after everything drives again."""
 
@@ -165,12 +167,13 @@ def test_robots_that_a_file_drives_stop(driver: str, tmp_path: Path, punctual: N
 
     def order(name: str) -> int:
         """Gives an order until it is taken; gives when that had been answered."""
-        while True:
+        for _ in range(ORDERS_MAX):
             asked = floor.program("control", name, "--process", str(stage.host.process.pid))
             floor.wait_for(lambda asked=asked: asked.ended, name)  # type: ignore[misc]
             floor.remove(asked)
             if asked.process.returncode == 0:
                 return floor.clock()
+        raise AssertionError(f"nobody takes {name!r}: {asked.said}")
 
     def stood(since_ns: int, what: str) -> None:
         """Whether they stand soon enough, unless this loop itself was late."""

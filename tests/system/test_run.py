@@ -246,7 +246,8 @@ def test_cameras_that_go_are_missed_and_taken_back(tmp_path: Path) -> None:
         cameras.off.add("b")
         pair.wait_for(program.heard("camera b: is gone: "), "word of it")
         pair.live_for(500 * MS)
-        assert pair.moving() and "no arena state for" not in program.said, "the other one goes on"
+        pair.wait_for(pair.moving, "that the other one goes on")
+        assert "no arena state for" not in program.said
         cameras.off.add("a")
         pair.wait_for(pair.resting, "rest")
         pair.wait_for(program.heard("no arena state for half a second"), "word of it")
