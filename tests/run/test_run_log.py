@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import errno
 import re
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,21 @@ def test_words_are_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> N
     text = (tmp_path / "log.txt").read_text()
     assert re.fullmatch(r"\d\d:\d\d:\d\d\.\d{3} all robots start\n", text)
     assert capsys.readouterr().err == "all robots start\n"
+
+
+def test_standard_error_that_is_a_file_is_written_by_a_thread_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with (tmp_path / "nohup.out").open("w") as stream:
+        monkeypatch.setattr(sys, "stderr", stream)
+        with RunLog(tmp_path) as log:
+            log.write_aside()
+            log.say("told")
+            log.progress("live")
+        assert log._aside is not None
+        log._aside.close()
+    assert (tmp_path / "nohup.out").read_text().splitlines() == ["told", "live"]
+    assert (tmp_path / "log.txt").read_text().endswith(" told\n")
 
 
 def test_a_full_disk_is_told_once_and_costs_no_run(

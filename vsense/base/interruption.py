@@ -215,6 +215,8 @@ class Interruption(threading.Event):
         if self._leaves_time and self.left_s == 0.0:
             self._leaves_time = False
             raise CutShort(self.code)
+        if self._leaves_time:
+            self.look()  # just when time is over, and not a moment later
         for call in [call for call in calls if call.thread == threading.main_thread().ident]:
             if not call.is_in(frame):
                 calls.remove(call)  # this alarm came when it was just over, or the one before did
@@ -246,6 +248,11 @@ _newest = Interruption()
 def left_s() -> float:
     """How long this process may go on: for ever, but after SIGTERM or SIGHUP; any thread."""
     return _newest.left_s
+
+
+def came() -> bool:
+    """Whether a signal ends this process; any thread."""
+    return _newest.is_set()
 
 
 def look() -> None:

@@ -107,7 +107,7 @@ class Console:
         # A stream that was closed must not end an experiment.
         with self._lock, suppress(OSError):
             line = self._line if self._live else ""
-            self._write(f"{self._erasing()}{printable_lines(text)}\n{line}")
+            self._print(f"{self._erasing()}{printable_lines(text)}\n{line}")
             self._printed_ns = None
 
     def progress(self, line: str) -> None:
@@ -117,20 +117,20 @@ class Console:
             if self._live:
                 erasing = self._erasing()
                 self._line = line[: os.get_terminal_size(self._stream.fileno()).columns - 1]
-                self._write(f"{erasing}{self._line}", passing=True)
+                self._print(f"{erasing}{self._line}", passing=True)
             else:
                 due = self._is_due()
                 self._printed_ns = host_ns() if due else self._printed_ns
-                self._write(f"{line}\n" if due else "", passing=True)
+                self._print(f"{line}\n" if due else "", passing=True)
 
     def end_progress(self) -> None:
         """Leaves the live line where it is and goes on below it."""
         with self._lock, suppress(OSError):
             if self._live and self._line:
-                self._write("\n")
+                self._print("\n")
             self._line = ""
 
-    def _write(self, text: str, passing: bool = False) -> None:
+    def _print(self, text: str, passing: bool = False) -> None:
         if self._aside is None:
             write(self._stream, text, passing)
         else:

@@ -19,13 +19,13 @@ from queue import SimpleQueue
 from typing import TextIO
 from weakref import WeakKeyDictionary
 
-from vsense.base.interruption import left_s
+from vsense.base.interruption import came, left_s
 
 PAUSE_S = 0.05
 """A reader that is only slow is waited for so long, once, until it has read again."""
 MOST_PENDING = 1 << 18
 """Bytes that wait for a reader; what comes after them is left out."""
-LAST_S = 0.1
+LAST_S = 1.0
 """When a signal has ended the process its last words wait so long for a reader."""
 
 MOST_WRITES = 10_000
@@ -63,12 +63,12 @@ class Outlet:
             self._send()
 
     def drain(self) -> None:
-        """Writes what waits: for ever, and for `LAST_S` where a signal has come."""
+        """Writes what waits: for ever, but for `LAST_S` at the longest after a signal."""
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             if callable(signal.getsignal(number)):
                 signal.signal(number, signal.SIG_DFL)
-        begun_s = time.monotonic()
-        while self._pending and (left_s() == math.inf or time.monotonic() - begun_s < LAST_S):
+        end_s = time.monotonic() + (max(min(LAST_S, left_s()), POLL_S) if came() else math.inf)
+        while self._pending and time.monotonic() < end_s:
             if self._ready(POLL_S) and self._lock.acquire(timeout=POLL_S):
                 try:
                     self._send()
