@@ -453,11 +453,11 @@ def test_whether_a_file_is_there_is_asked_of_os_path() -> None:
 
 BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
-    "vsense in Python": (("vsense",), (".py",), 531, 112620, 400),
+    "vsense in Python": (("vsense",), (".py",), 531, 112640, 400),
     "the page": (("vsense",), (".js", ".css", ".html"), 46, 6000, 300),
     "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 297, 32700, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 38, 7700, 512),
-    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 672, 118900, 651),
+    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 672, 118920, 651),
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 

@@ -189,7 +189,7 @@ def test_who_ends_waits_for_a_hung_disk_for_a_bounded_time(
     held = threading.Event()
     writer = BackgroundWriter("the log", said.append)
     writer.do(held.wait)
-    in_time(lambda: writer.close() if hurried else writer.close(0.1))
+    in_time(lambda: writer.close() if hurried else writer.close(wait_s=0.1))
     assert len(said) == 1 and "is lost if this process ends before" in said[0]
     held.set()
 

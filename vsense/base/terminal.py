@@ -20,6 +20,10 @@ from typing import Literal, TextIO
 
 from vsense.base.clock import host_ns
 from vsense.base.errors import VsenseError, failing_as
+
+# vsense 0.1 had the first two here: who takes them from here may until 0.3.
+from vsense.base.interruption import Interruption as Interruption
+from vsense.base.interruption import interruption as interruption
 from vsense.base.interruption import open_call
 from vsense.base.writing import BackgroundWriter, is_on_disk, write
 

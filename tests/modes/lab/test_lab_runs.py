@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+import time
 from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
@@ -23,7 +24,7 @@ from vsense.modes.lab._run_logs import RunLogs
 from vsense.modes.lab._swarm import LabRobot
 from vsense.modes.lab.experiment import _LabRuns
 from vsense.modes.lab.session import Session
-from vsense.modes.lab.truth import TruthLog
+from vsense.modes.lab.truth import TruthLog, truth_dtype
 from vsense.run.control import Control, State
 from vsense.run.runs_csv import RunRows
 from vsense.run.verdict import RunRecord
@@ -157,16 +158,27 @@ def test_all_is_well_where_nothing_fails(carry_out: Callable[..., tuple[Lab, _La
 
 
 def unlogged(
-    tmp_path: Path, traced: int, stood_s: float = 0.0, logged: int = 30, **known: object
+    tmp_path: Path,
+    traced: int,
+    stood_s: float = 0.0,
+    logged: int = 30,
+    early: int = 0,
+    **known: object,
 ) -> list[str]:
-    """What a lab says of the logs of 30 timesteps, with the trace of its robot up to one."""
+    """What a lab says of the logs of 30 timesteps, with the trace of its robot up to one.
+
+    Of the first `early` the pictures were taken before the run began.
+    """
     made = object.__new__(Session)
     robot = LabRobot(Path("daemon"), 31, "red", "argos:x", 0, 0.0, tmp_path / "31.trace")
     robot.trace.write_text(f"step 7 timestep {traced} run 1 values -\n")
     log = TruthLog(tmp_path / "truth.bin", 1)
-    log.append(0, 0, 0, 0, np.zeros((1, 3)), np.zeros(1, np.uint16))
+    for timestep in range(1 + early):
+        log.append(timestep, 0, 0, 0, np.zeros((1, 3)), np.zeros(1, np.uint16))
+    while (tmp_path / "truth.bin").stat().st_size < 16 + (1 + early) * truth_dtype(1).itemsize:
+        time.sleep(0.001)  # a thread writes it
     logs = RunLogs(tmp_path / "truth.bin", tmp_path / "actuations.bin", [robot])
-    for timestep in range(1, 1 + logged):
+    for timestep in range(1 + early, 1 + logged):
         log.append(timestep, 0, 0, 0, np.zeros((1, 3)), np.zeros(1, np.uint16))
     log.close()
     made.dt_ns, made.resting = 100_000_000, ()
@@ -181,6 +193,7 @@ def unlogged(
 
 def test_a_run_says_what_its_logs_lack(tmp_path: Path) -> None:
     assert unlogged(tmp_path, 30) == [] == unlogged(tmp_path, 20)
+    assert unlogged(tmp_path, 30, early=3) == []
     assert unlogged(tmp_path, 30, logged=28) == ["2 timesteps of truth.bin"]
     assert unlogged(tmp_path, 19) == ["the last steps of 31.trace"]
     assert unlogged(tmp_path, 19, stood_s=0.1) == [] == unlogged(tmp_path, 19, connected=False)

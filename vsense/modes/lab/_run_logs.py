@@ -24,6 +24,11 @@ _WAIT_S, _POLL_S = 1.0, 0.02
 """The last records may come so much later than the robots stand: a disk may be slow."""
 
 
+_BEFORE_BYTES = 256 << 10
+"""So much of each file from before a run is read, too: its first timesteps are of pictures that
+were taken before it began, which may be long ago where the tracker is slow."""
+
+
 class RunLogs:
     """The logs of a run that begins now.
 
@@ -37,7 +42,8 @@ class RunLogs:
         self.truth: NDArray[np.void] | None = None
         self._truth, self._actuations = truth, actuations
         logs = (truth, actuations, *(robot.trace for robot in robots))
-        self._sizes = {path: os.path.getsize(path) for path in logs if os.path.isfile(path)}
+        sizes = {path: os.path.getsize(path) for path in logs if os.path.isfile(path)}
+        self._sizes = {path: max(size - _BEFORE_BYTES, 0) for path, size in sizes.items()}
 
     def end(
         self, timesteps: NDArray[np.int64], driving: Collection[LabRobot], late: int
