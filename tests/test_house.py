@@ -453,15 +453,15 @@ def test_whether_a_file_is_there_is_asked_of_os_path() -> None:
 
 BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
     # what: folders, suffixes, files, lines, longest file
-    "vsense in Python": (("vsense",), (".py",), 531, 112640, 400),
+    "vsense in Python": (("vsense",), (".py",), 531, 112680, 400),
     "the page": (("vsense",), (".js", ".css", ".html"), 46, 6000, 300),
     "C": (("c_src", "robot", "firmware_bridge"), (".c", ".h"), 297, 32700, 400),
     "C++": (("robot",), (".cpp", ".hpp"), 38, 7700, 512),
-    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 672, 118920, 651),
+    "tests": (("tests",), (".py", ".c", ".h", ".cpp", ".argos"), 673, 118980, 651),
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 
-CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 77290, 49, 19
+CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 77300, 49, 19
 """Lines of code in `vsense/`; imports between rooms, and between folders inside of rooms."""
 DOORS_MAX, NAMES_MAX = 205, 781
 """Modules that another room imports, and names taken from them."""

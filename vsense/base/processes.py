@@ -21,6 +21,7 @@ from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import IO, Any
+from weakref import WeakSet
 
 END_TIMEOUT_S = 5.0
 """A process that was asked to end and does not within this time is killed."""
@@ -61,7 +62,27 @@ def start_module(module: str, *arguments: str, **options: Any) -> Started:
         **options,
     )
     assert process.stdin is not None and process.stdout is not None
+    _lines.add(process.stdin)
     return process, process.stdin, process.stdout
+
+
+_lines: WeakSet[IO[bytes]] = WeakSet()
+_lifelines: WeakSet[Lifeline] = WeakSet()
+
+
+def _let_go() -> None:
+    """In a fork, such as users' code makes: what ends other processes when this one's parent closes
+    it, or ends, is not held open."""
+    null = os.open(os.devnull, os.O_RDWR)
+    # In their place: objects that are left in the fork close these descriptors once more.
+    for line in [line for line in _lines if not line.closed]:
+        os.dup2(null, line.fileno(), inheritable=False)
+    for lifeline in _lifelines:
+        lifeline.let_go(null)
+    os.close(null)
+
+
+os.register_at_fork(after_in_child=_let_go)
 
 
 class ForkedProcess:
@@ -183,6 +204,7 @@ class Lifeline:
     def __init__(self) -> None:
         self._theirs, self._ours = os.pipe()
         self.place = f"/proc/{os.getpid()}/fd/{self._theirs}"
+        _lifelines.add(self)
 
     def start(self, command: Sequence[str], log: Path) -> subprocess.Popen[bytes]:
         """Starts a daemon, in a session of its own; its words go to the end of a file."""
@@ -191,7 +213,12 @@ class Lifeline:
                 command, stdin=self._theirs, stdout=words, stderr=words, start_new_session=True
             )
 
+    def let_go(self, null: int) -> None:
+        """In a fork, which does not hold it; `null` takes its place."""
+        os.dup2(null, self._ours, inheritable=False)
+
     def close(self) -> None:
+        _lifelines.discard(self)
         os.close(self._theirs)
         os.close(self._ours)
 
