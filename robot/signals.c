@@ -133,14 +133,18 @@ void vs_signals_unblock(void)
 int vs_controller_fork(void)
 {
     pid_t parent = getpid();
-    pid_t pid = fork();
+    pid_t pid;
 
-    if (pid != 0)
-        return (int)pid;
-    vs_posix_close_kept();
-    handle_endings(SIG_DFL);
-    prctl(PR_SET_PDEATHSIG, (unsigned long)SIGKILL);
-    if (getppid() != parent)
-        _exit(0);
-    return 0;
+    /* From its first moment on a signal to the child is no word to the daemon. */
+    mask(SIG_BLOCK);
+    pid = fork();
+    if (pid == 0) {
+        vs_posix_close_kept();
+        handle_endings(SIG_DFL);
+        prctl(PR_SET_PDEATHSIG, (unsigned long)SIGKILL);
+        if (getppid() != parent)
+            _exit(0);
+    }
+    vs_signals_unblock();
+    return (int)pid;
 }
