@@ -461,9 +461,9 @@ BUDGETS: dict[str, tuple[tuple[str, ...], tuple[str, ...], int, int, int]] = {
 }
 """How much there may be. Who must raise a number does it here, with the reason in the commit."""
 
-CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 77300, 49, 19
+CODE_MAX, ARROWS_MAX, INNER_ARROWS_MAX = 77296, 49, 19
 """Lines of code in `vsense/`; imports between rooms, and between folders inside of rooms."""
-DOORS_MAX, NAMES_MAX = 205, 781
+DOORS_MAX, NAMES_MAX = 205, 782
 """Modules that another room imports, and names taken from them."""
 SPLATS_MAX, OUTSIDE_MAX = 9, 233
 """Calls `f(*(a, b))`; attributes that are assigned from outside of their object."""

@@ -182,6 +182,15 @@ def test_a_terminal_that_has_gone_changes_no_exit_code(monkeypatch: pytest.Monke
     assert code == 129
 
 
+def fill(pipe: int) -> None:
+    """Nobody reads it: whoever writes more to it waits."""
+    os.set_blocking(pipe, False)
+    with suppress(BlockingIOError):
+        while True:
+            os.write(pipe, b"x" * 4096)
+    os.set_blocking(pipe, True)
+
+
 UNREAD = """
 import os
 import sys
@@ -208,11 +217,7 @@ sys.exit(cli.main())
 def test_sigterm_ends_who_prints_for_nobody() -> None:
     """Of standard output and of standard error nobody reads anything."""
     reader, unread = os.pipe()
-    os.set_blocking(unread, False)
-    with suppress(BlockingIOError):
-        while True:
-            os.write(unread, b"x" * 4096)
-    os.set_blocking(unread, True)
+    fill(unread)
     alive, ready = os.pipe()
     process = subprocess.Popen(
         [sys.executable, "-c", UNREAD], stdin=ready, stdout=unread, stderr=unread
@@ -282,11 +287,7 @@ cli.main()
 def test_what_never_looks_at_the_signal_ends(unread: bool) -> None:
     reader, written = os.pipe()
     if unread:
-        os.set_blocking(written, False)
-        with suppress(BlockingIOError):
-            while True:
-                os.write(written, b"x" * 4096)
-        os.set_blocking(written, True)
+        fill(written)
     alive, ready = os.pipe()
     process = subprocess.Popen([sys.executable, "-c", NEVER_ENDS], stdin=ready, stderr=written)
     try:

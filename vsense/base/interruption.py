@@ -69,11 +69,11 @@ class OpenCall:
         self.alarms += 1
         return self.alarms
 
-    def is_in(self, frame: FrameType | None) -> bool:
-        """Whether a thread that is there has not left it."""
+    def found_in(self, frame: FrameType | None) -> FrameType | None:
+        """The innermost frame of its file in a thread that is there; None: it has been left."""
         while frame is not None and frame.f_code.co_filename != self.file:
             frame = frame.f_back
-        return frame is not None
+        return frame
 
 
 calls: list[OpenCall] = []
@@ -218,7 +218,7 @@ class Interruption(threading.Event):
         if self._leaves_time:
             self.look()  # just when time is over, and not a moment later
         for call in [call for call in calls if call.thread == threading.main_thread().ident]:
-            if not call.is_in(frame):
+            if call.found_in(frame) is None:
                 calls.remove(call)  # this alarm came when it was just over, or the one before did
             elif call.duration_s >= call.limit_s and self._may_end(call):
                 if call.alarm() > MOST_ALARMS:

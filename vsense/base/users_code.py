@@ -161,9 +161,7 @@ class CallWatchdog:
                     self._say(f"{call.name} has returned")
             for call in now:
                 if call not in told:
-                    frame = sys._current_frames().get(call.thread)
-                    while frame is not None and frame.f_code.co_filename != call.file:
-                        frame = frame.f_back
+                    frame = call.found_in(sys._current_frames().get(call.thread))
                     place = call.name if frame is None else f"{call.name}:{frame.f_lineno}"
                     since = f"has not returned for {call.duration_s:.1f} s"
                     self._say(f"{place}: it {since}: robots stand until it does")

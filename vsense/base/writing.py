@@ -25,7 +25,7 @@ PAUSE_S = 0.05
 """A reader that is only slow is waited for so long, once, until it has read again."""
 MOST_PENDING = 1 << 18
 """Bytes that wait for a reader; what comes after them is left out."""
-LAST_S = 1.0
+LAST_WORDS_S = 1.0
 """When a signal has ended the process its last words wait so long for a reader."""
 
 MOST_WRITES = 10_000
@@ -63,13 +63,15 @@ class Outlet:
             self._send()
 
     def drain(self) -> None:
-        """Writes what waits: for ever, but for `LAST_S` at the longest after a signal."""
+        """Writes what waits: for ever, but for `LAST_WORDS_S` at the longest after a signal."""
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             if callable(signal.getsignal(number)):
                 signal.signal(number, signal.SIG_DFL)
-        end_s = time.monotonic() + (max(min(LAST_S, left_s()), POLL_S) if came() else math.inf)
+        end_s = time.monotonic() + (
+            max(min(LAST_WORDS_S, left_s()), POLL_S) if came() else math.inf
+        )
         while self._pending and time.monotonic() < end_s:
-            if self._ready(POLL_S) and self._lock.acquire(timeout=POLL_S):
+            if _is_ready(self._descriptor, POLL_S) and self._lock.acquire(timeout=POLL_S):
                 try:
                     self._send()
                 finally:
@@ -80,7 +82,7 @@ class Outlet:
             try:
                 del self._pending[: self._write(self._pending)]
             except BlockingIOError:
-                if not (self._waits and self._ready(PAUSE_S)):
+                if not (self._waits and _is_ready(self._descriptor, PAUSE_S)):
                     self._waits = False
                     return
             except OSError:
@@ -92,12 +94,6 @@ class Outlet:
             self._left_out = 0
             self._pending += text.encode()
             self._send()
-
-    def _ready(self, wait_s: float) -> bool:
-        """Waits until something can be written."""
-        poll = select.poll()
-        poll.register(self._descriptor, select.POLLOUT)
-        return bool(poll.poll(1000.0 * wait_s))
 
 
 _outlets: WeakKeyDictionary[TextIO, Outlet | None] = WeakKeyDictionary()
@@ -120,14 +116,22 @@ def write(stream: TextIO, text: str, passing: bool = False) -> None:
         outlet.write(text, passing)
 
 
+def descriptor_of(stream: TextIO | None) -> int | None:
+    """None: it is no file of the system's, as under test, or it is closed."""
+    try:
+        descriptor = stream.fileno() if stream is not None else -1
+        os.fstat(descriptor)
+    except (AttributeError, OSError, ValueError):
+        return None
+    return descriptor
+
+
 def _outlet_of(stream: io.TextIOWrapper) -> Outlet | None:
     """None: its writing does not depend on who reads it."""
-    try:
-        first = stream.fileno()
-        mode = os.fstat(first).st_mode
-    except (OSError, ValueError):  # it is no file of the system's, or closed
+    first = descriptor_of(stream)
+    if first is None:
         return None
-    terminal = os.isatty(first)
+    mode, terminal = os.fstat(first).st_mode, os.isatty(first)
     if not (stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode) or terminal):
         return None
     own = ["/dev/tty"] if terminal and _controls(first) else []
@@ -142,10 +146,8 @@ def _outlet_of(stream: io.TextIOWrapper) -> Outlet | None:
 
 def is_on_disk(stream: TextIO) -> bool:
     """Whether a stream is a file, whose disk may hang."""
-    try:
-        return stat.S_ISREG(os.fstat(stream.fileno()).st_mode)
-    except (AttributeError, OSError, ValueError):  # it is no file of the system's, or closed
-        return False
+    descriptor = descriptor_of(stream)
+    return descriptor is not None and stat.S_ISREG(os.fstat(descriptor).st_mode)
 
 
 def _controls(descriptor: int) -> bool:
@@ -156,11 +158,16 @@ def _controls(descriptor: int) -> bool:
         return False
 
 
-def _write_little(descriptor: int, data: bytearray) -> int:
-    """Writes to a pipe or socket what it takes at once; BlockingIOError: it takes nothing."""
+def _is_ready(descriptor: int, wait_s: float) -> bool:
+    """Waits until something can be written."""
     poll = select.poll()
     poll.register(descriptor, select.POLLOUT)
-    if not poll.poll(0):
+    return bool(poll.poll(1000.0 * wait_s))
+
+
+def _write_little(descriptor: int, data: bytearray) -> int:
+    """Writes to a pipe or socket what it takes at once; BlockingIOError: it takes nothing."""
+    if not _is_ready(descriptor, 0.0):
         raise BlockingIOError
     return os.write(descriptor, data[: select.PIPE_BUF])
 

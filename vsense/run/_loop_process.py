@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsense.base.processes import python_module
-from vsense.base.writing import write
+from vsense.base.writing import descriptor_of, write
 from vsense.robots.loop_library import Colors, CxxLoopError, LoopLibrary
 
 CALL_LIMIT_S = 2.0
@@ -44,6 +44,7 @@ class LoopProcess:
 
     def __init__(self, library: Path) -> None:
         """Starts it."""
+        talk = descriptor_of(sys.stderr)
         theirs_in, self._calls = os.pipe()
         self._answers, theirs_out = os.pipe()
         try:
@@ -54,7 +55,7 @@ class LoopProcess:
                 ],
                 stdin=subprocess.DEVNULL,
                 # What loop functions print is talk.
-                stdout=sys.stderr.fileno() if _has_descriptor() else subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL if talk is None else talk,
                 pass_fds=[theirs_in, theirs_out],
                 start_new_session=True,
             )
@@ -119,15 +120,6 @@ class LoopProcess:
         if code < 0:
             return CxxLoopError(f"{function} was killed by {signal.Signals(-code).name}")
         return CxxLoopError(f"{function} ended the process with exit code {code}")
-
-
-def _has_descriptor() -> bool:
-    """Whether standard error is a file: under test it may be none."""
-    try:
-        sys.stderr.fileno()
-    except (AttributeError, OSError, ValueError):
-        return False
-    return True
 
 
 def _write(descriptor: int, data: bytes) -> None:

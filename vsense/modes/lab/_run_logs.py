@@ -23,7 +23,6 @@ from vsense.modes.lab.truth import read_truth, truth_at
 _WAIT_S, _POLL_S = 1.0, 0.02
 """The last records may come so much later than the robots stand: a disk may be slow."""
 
-
 _BEFORE_BYTES = 256 << 10
 """So much of each file from before a run is read, too: its first timesteps are of pictures that
 were taken before it began, which may be long ago where the tracker is slow."""
@@ -43,7 +42,7 @@ class RunLogs:
         self._truth, self._actuations = truth, actuations
         logs = (truth, actuations, *(robot.trace for robot in robots))
         sizes = {path: os.path.getsize(path) for path in logs if os.path.isfile(path)}
-        self._sizes = {path: max(size - _BEFORE_BYTES, 0) for path, size in sizes.items()}
+        self._offsets = {path: max(size - _BEFORE_BYTES, 0) for path, size in sizes.items()}
 
     def end(
         self, timesteps: NDArray[np.int64], driving: Collection[LabRobot], late: int
@@ -71,7 +70,7 @@ class RunLogs:
         # After SIGTERM most of the time is the figures'.
         until_s = time.monotonic() + min(_WAIT_S, left_s() / 4.0)
         while True:
-            truth = read_truth(self._truth, self._sizes.get(self._truth, 0))
+            truth = read_truth(self._truth, self._offsets.get(self._truth, 0))
             if (len(truth) and truth["timestep"][-1] >= last) or time.monotonic() > until_s:
                 return truth
             time.sleep(_POLL_S)
@@ -84,10 +83,10 @@ class RunLogs:
 
     def actuations(self) -> NDArray[np.void]:
         """As `read_actuations`."""
-        return read_actuations(self._actuations, self._sizes.get(self._actuations, 0))
+        return read_actuations(self._actuations, self._offsets.get(self._actuations, 0))
 
     def trace(
         self, robot: LabRobot, sensors: Sequence[str], judged: str | None
     ) -> NDArray[np.void]:
         """As `read_trace`."""
-        return read_trace(robot, sensors, judged, self._sizes.get(robot.trace, 0))
+        return read_trace(robot, sensors, judged, self._offsets.get(robot.trace, 0))
